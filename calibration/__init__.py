@@ -1,0 +1,1 @@
+"""Where the sensors sit on the robot, and (later) how to measure it."""

@@ -186,6 +186,8 @@ class Inputs:
     operator: OperatorInput | None
     freshness: dict[str, Freshness]
     """Keys: `theta`, `tim571`, `rmp110`, `operator`."""
+    armed: bool = False
+    """Whether the safety chain let motion through on the tick before."""
 
 
 @dataclass(frozen=True, slots=True)

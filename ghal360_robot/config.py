@@ -1,0 +1,165 @@
+"""The robot's configuration: every setting with its unit, bound and meaning.
+
+`robot.toml` in the repository's root shows all of them with their defaults. Unknown keys are errors.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from ghal360_robot.errors import UsageError
+
+Metres = Annotated[float, Field(ge=-10, le=10, allow_inf_nan=False)]
+Degrees = Annotated[float, Field(ge=-360, le=360, allow_inf_nan=False)]
+Seconds = Annotated[float, Field(gt=0, le=60, allow_inf_nan=False)]
+Port = Annotated[int, Field(ge=1, le=65535)]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class RobotSection(_Section):
+    name: str = Field("ghal360", min_length=1, max_length=64, description="Shown in recordings and on the page")
+
+
+class ThetaSection(_Section):
+    transport: Literal["usb", "usbip"] = Field("usb", description="usb: libusb; usbip: a USB/IP server")
+    host: str = Field("127.0.0.1", description="USB/IP server, with transport = usbip")
+    port: Port = Field(3240, description="USB/IP port")
+    serial: str = Field("", description="Eight digits on the camera; empty takes the only one found")
+    resolution: Literal["2k", "4k"] = Field("2k", description="1920x960 or 3840x1920")
+
+
+class Tim571Section(_Section):
+    host: str = Field("192.168.0.1", description="The device's address; 192.168.0.1 as delivered")
+    port: Port = Field(2112, description="SOPAS port; 2112 is for measurement data")
+    dialect: Literal["auto", "a", "b"] = Field("auto", description="CoLa-A, CoLa-B, or try both")
+
+
+class Rmp110Section(_Section):
+    interface: str = Field("socketcan", description="python-can interface")
+    channel: str = Field("can0", description="Channel of that interface")
+    host: str = Field("", description="Host of a socketcand server; only with interface = socketcand")
+    port: int = Field(0, ge=0, le=65535, description="Port of that server")
+    track_m: float = Field(0.481224, gt=0.2, lt=1.5, description="Distance between the driven wheels")
+
+
+class MountingSection(_Section):
+    lidar_x_m: Metres = 0.20
+    lidar_y_m: Metres = 0.0
+    lidar_z_m: Metres = 0.25
+    lidar_yaw_deg: Degrees = 0.0
+    lidar_upside_down: bool = False
+    camera_x_m: Metres = 0.0
+    camera_y_m: Metres = 0.0
+    camera_z_m: Metres = 1.20
+    camera_yaw_deg: Degrees = Field(0.0, description="Where the picture's centre column looks in the base frame")
+
+
+class ControlSection(_Section):
+    rate_hz: float = Field(50.0, ge=10, le=100, description="Control ticks per second")
+
+
+class PerceptionSection(_Section):
+    detector: str = Field("none", description="See `ghal360 run --help`; `painted` works on simulated pictures only")
+    rate_hz: float = Field(4.0, gt=0, le=30, description="Panoramas searched per second, at most")
+    min_score: float = Field(0.5, ge=0, le=1)
+    target: str = Field("", description="Class name of the object searched for; empty: no search")
+
+
+class GuidanceSection(_Section):
+    policy: Literal["plan", "rule", "fgs", "none"] = Field("plan", description="How cues are chosen")
+
+
+class IntentSection(_Section):
+    threshold: float = Field(0.7, gt=0.125, lt=1, description="Belief at which the robot drives (paper: 70 %)")
+    drive_while_guiding: bool = Field(False, description="Allow driving while a left/right cue is shown")
+
+
+class SafetySection(_Section):
+    v_max: float = Field(0.5, gt=0, le=1.5, description="m/s")
+    w_max: float = Field(0.8, gt=0, le=2.0, description="rad/s")
+    accel: float = Field(0.5, gt=0, le=2.0, description="m/s^2, speeding up")
+    decel: float = Field(0.5, gt=0, le=3.0, description="m/s^2, the base's own deceleration; zones are sized by it")
+    w_accel: float = Field(1.5, gt=0, le=6.0, description="rad/s^2")
+    reverse_max: float = Field(0.15, ge=0, le=0.5, description="m/s backwards: the lidar is blind there")
+    footprint_radius_m: float = Field(0.40, gt=0.2, le=1.0)
+    margin_m: float = Field(0.12, ge=0.0, le=1.0, description="Distance kept to what the lidar sees")
+    reaction_s: float = Field(0.25, gt=0, le=2.0, description="Scan, one missed scan, processing, bus, base")
+    operator_hold_s: Seconds = Field(0.2, description="Operator silent this long: zero on the wire")
+    operator_lost_s: Seconds = Field(1.0, description="Operator silent this long: disarmed")
+    lidar_hold_s: Seconds = Field(0.25, description="Three scans missed: zero")
+    lidar_lost_s: Seconds = 1.0
+    base_hold_s: Seconds = Field(0.3, description="Feedback missing: zero")
+    base_lost_s: Seconds = 1.0
+    video_hold_s: Seconds = Field(0.7, description="Nobody drives on a frozen picture")
+    video_lost_s: Seconds = 2.0
+
+
+class LogbookSection(_Section):
+    directory: Path = Field(Path("runs"), description="Each run makes a folder in here")
+
+
+class RobotConfig(_Section):
+    """All settings of one robot."""
+
+    robot: RobotSection = RobotSection()
+    theta: ThetaSection = ThetaSection()
+    tim571: Tim571Section = Tim571Section()
+    rmp110: Rmp110Section = Rmp110Section()
+    mounting: MountingSection = MountingSection()
+    control: ControlSection = ControlSection()
+    perception: PerceptionSection = PerceptionSection()
+    guidance: GuidanceSection = GuidanceSection()
+    intent: IntentSection = IntentSection()
+    safety: SafetySection = SafetySection()
+    logbook: LogbookSection = LogbookSection()
+
+    def sha256(self) -> str:
+        """Hash of the effective settings; the same for the same robot, whatever the file looked like."""
+        return hashlib.sha256(json.dumps(self.model_dump(mode="json"), sort_keys=True).encode()).hexdigest()
+
+
+def load_config(path: Path | None) -> RobotConfig:
+    """Read `robot.toml`, or the defaults where `path` is None.
+
+    Raises UsageError with one sentence: unreadable file, broken TOML, unknown key, value out of bounds.
+    """
+    if path is None:
+        return RobotConfig()
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsageError(
+            f"cannot read the configuration {path}: {getattr(error, 'strerror', None) or error}"
+        ) from error
+    except tomllib.TOMLDecodeError as error:
+        raise UsageError(f"{path} is not valid TOML: {error}") from error
+    return _validated(data, str(path))
+
+
+def with_overrides(config: RobotConfig, overrides: dict[str, dict[str, Any]]) -> RobotConfig:
+    """The same configuration with some keys of some sections replaced, checked again."""
+    data = config.model_dump()
+    for section, values in overrides.items():
+        data[section] = {**data[section], **values}
+    return _validated(data, "the command line")
+
+
+def _validated(data: dict[str, Any], origin: str) -> RobotConfig:
+    try:
+        return RobotConfig.model_validate(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        if first["type"] == "extra_forbidden":
+            raise UsageError(f"{origin}: unknown setting '{key}'; `ghal360 config schema` lists all") from error
+        more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+        raise UsageError(f"{origin}: setting '{key}': {first['msg']}, got {first['input']!r}{more}") from error

@@ -1,0 +1,41 @@
+"""From the age of each input to holding still, and to giving up the right to move."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from ghal360_robot.messages import Freshness
+    from ghal360_robot.safety.limits import SafetyLimits
+
+WORDS = {"operator": "operator", "tim571": "lidar", "rmp110": "base", "theta": "video"}
+
+
+@dataclass(frozen=True, slots=True)
+class Staleness:
+    """`hold`: stand still now; `lost`: disarm."""
+
+    hold: tuple[str, ...] = ()
+    lost: tuple[str, ...] = ()
+
+
+def judge(freshness: Mapping[str, Freshness], limits: SafetyLimits) -> Staleness:
+    """Compare every input's age with its two limits; an input that was never seen is lost."""
+    hold: list[str] = []
+    lost: list[str] = []
+    lost_s = dict(limits.lost_s)
+    for name, hold_s in limits.hold_s:
+        word = WORDS.get(name, name)
+        fresh = freshness.get(name)
+        if fresh is None or not fresh.age_s <= lost_s[name]:
+            lost.append(f"{word} lost")
+        elif not fresh.valid:
+            lost.append(f"{word} not valid")
+        elif fresh.age_s > hold_s:
+            hold.append(f"{word} stale")
+        elif not fresh.rate_ok:
+            hold.append(f"{word} slow")
+    return Staleness(tuple(hold), tuple(lost))
