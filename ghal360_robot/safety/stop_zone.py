@@ -29,6 +29,9 @@ SAMPLES = 41
 CRAWL = 0.1
 """m/s: allowed when already too close, as long as the motion leads away."""
 
+STANDSTILL = 1e-4
+"""m/s: below a tenth of a millimetre a second the base does not translate."""
+
 BLOCKED_SHARE = 0.03
 """A lidar that sees less than this share of its beams is covered, not in open space."""
 
@@ -45,7 +48,7 @@ class Clearance:
 
 def clearance(points: NDArray[np.float64], twist: Twist, radius: float) -> Clearance:
     """Free path length (m) of a disc of `radius` along the arc of `twist` among `points` (n, 2), base frame."""
-    if twist.v == 0.0 or len(points) == 0:
+    if abs(twist.v) < STANDSTILL or len(points) == 0:
         return Clearance(HORIZON_M, None)
     near = points[np.hypot(points[:, 0], points[:, 1]) < HORIZON_M + radius]
     if len(near) == 0:
@@ -75,8 +78,8 @@ def limit(
 
     `points` are the valid returns of the last scan of `beams` beams. Returns (twist, reasons, free metres).
     """
-    if wanted.v == 0.0:
-        return wanted, (), None
+    if abs(wanted.v) < STANDSTILL:
+        return Twist(0.0, wanted.w), (), None
     if points is None:
         return Twist(0.0, wanted.w), ("no scan",), None
     if len(points) < BLOCKED_SHARE * beams:
