@@ -102,8 +102,8 @@ def _allowed(seen: Clearance, wanted: Twist, limits: SafetyLimits) -> Twist:
     if seen.retreating:
         speed = CRAWL
     else:
-        a, t = limits.decel, limits.reaction_s
-        speed = a * (math.sqrt(t * t + 2.0 * seen.free_m / a) - t)
+        a, t, room = limits.decel, limits.reaction_s, max(0.0, seen.free_m - limits.standoff_m)
+        speed = a * (math.sqrt(t * t + 2.0 * room / a) - t) if seen.free_m < HORIZON_M else math.inf
     return Twist(math.copysign(min(abs(wanted.v), speed), wanted.v), wanted.w)
 
 

@@ -130,7 +130,7 @@ def test_the_robot_stops_before_a_wall_and_may_still_turn() -> None:
         ranges = np.where(np.abs(YAW) < 1.2, wall / np.cos(np.clip(YAW, -1.2, 1.2)), 8.0)
         state, applied = safety.step(state, replace(inputs(n), scan=scan(ranges)), FORWARD)
         position += applied.twist.v * 0.02
-    assert 2.0 - position > safety.limits.footprint_radius_m + 0.9 * safety.limits.margin_m
+    assert 2.0 - position > safety.limits.footprint_radius_m + 0.9 * safety.limits.standoff_m
     assert applied.twist.v == pytest.approx(0.0, abs=1e-3)
     assert any("obstacle" in r for r in applied.reasons)
     state, turned = safety.step(state, replace(inputs(601), scan=scan(ranges)), Twist(0.0, 0.5))

@@ -1,0 +1,35 @@
+# `make run` and `make test` are all a newcomer needs: both set up .venv first, without root and without a screen.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+
+.PHONY: run test lint campaign pictures clean
+
+run: $(VENV)/.installed
+	$(BIN)/ghal360 demo
+
+test: $(VENV)/.installed lint
+	$(BIN)/pytest -m "not campaign"
+
+lint: $(VENV)/.installed
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+# Ten searches in each world through the whole stack, in real time: about half an hour.
+campaign: $(VENV)/.installed
+	$(BIN)/pytest -m campaign --timeout=3600
+
+# The pictures under docs/.
+pictures: $(VENV)/.installed
+	$(BIN)/ghal360 pictures docs
+
+$(VENV)/.installed: pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+		{ echo "Python 3.11 or newer is needed (set PYTHON=...)"; exit 1; }
+	$(PYTHON) -m venv $(VENV) || { echo "python3-venv is missing: apt install python3-venv"; exit 1; }
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[sim,dev]'
+	@touch $@
+
+clean:
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache

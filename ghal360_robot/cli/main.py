@@ -1,0 +1,64 @@
+"""`ghal360`: assembles the commands and turns errors into one sentence and an exit status."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+
+from ghal360_robot import __version__
+from ghal360_robot.cli import config, demo, inspect, pictures, probe, run, simulate
+from ghal360_robot.errors import GhalError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+app = typer.Typer(
+    name="ghal360",
+    help="Onboard software of a 360° telepresence robot: live, simulated at the wire, or replayed.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command("run")(run.run)
+app.command("demo")(demo.demo)
+app.add_typer(probe.app, name="probe")
+app.add_typer(simulate.app, name="simulate")
+app.command("inspect")(inspect.inspect)
+app.add_typer(config.app, name="config")
+app.command("pictures")(pictures.pictures)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        print(f"ghal360-robot {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: bool = typer.Option(
+        False, "--version", callback=_version, is_eager=True, help="Say which version this is."
+    ),
+) -> None:
+    """Options before any command."""
+
+
+def main() -> None:
+    """Entry point: exit 0, 1 (failed, one sentence) or 2 (usage)."""
+    sys.exit(guarded(app))
+
+
+def guarded(command: Callable[[], None]) -> int:
+    """Run a command; a GhalError becomes its sentence on stderr and its exit status."""
+    try:
+        command()
+    except GhalError as error:
+        Console(stderr=True, highlight=False, soft_wrap=True).print(f"[bold red]error:[/] {escape(str(error))}")
+        return error.exit_status
+    except KeyboardInterrupt:
+        return 130
+    return 0
