@@ -1,0 +1,1 @@
+"""Which cue to show: the wedge state, the abstract MDP with its exact plan, and the strategies."""
