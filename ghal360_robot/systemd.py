@@ -48,6 +48,11 @@ class Notifier:
             self._last_ping_ns = now_ns
             self._send("WATCHDOG=1")
 
+    def close(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
     def _send(self, message: str) -> None:
         if self.address is None:
             return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -31,7 +32,8 @@ class Lateness:
         if self.count == 0:
             return 0.0
         cumulative = np.cumsum(self._bins)
-        index = int(np.searchsorted(cumulative, percent / 100.0 * self.count))
+        rank = max(1, math.ceil(percent * self.count / 100.0 - 1e-9))
+        index = int(np.searchsorted(cumulative, rank))
         return min((index + 1) * BIN_MS, self.max_ms)
 
     def summary(self) -> dict[str, float]:
