@@ -1,0 +1,54 @@
+"""Groups of furniture that belong together, placed by their anchor."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from ghal360_robot.simulation.objects import CATALOGUE, WorldObject, thing
+
+if TYPE_CHECKING:
+    from numpy.random import Generator
+
+
+@dataclass(frozen=True, slots=True)
+class Furnished:
+    """What a layout put into its building, and where a television may hang or stand."""
+
+    items: tuple[WorldObject, ...]
+    television_places: tuple[WorldObject, ...]
+
+
+def local(x: float, y: float, yaw: float, right: float, back: float) -> tuple[float, float]:
+    """The world point `right` along the local x and `back` along the local y of a pose."""
+    return x + right * math.cos(yaw) - back * math.sin(yaw), y + right * math.sin(yaw) + back * math.cos(yaw)
+
+
+def chair_at(name: str, x: float, y: float, yaw: float, rng: Generator, tucked: float = 0.08) -> WorldObject:
+    """A chair pushed `tucked` metres under the table edge at (x, y), whose outward side is local -y of `yaw`.
+
+    The sitter looks against the outward side; people leave chairs a little turned.
+    """
+    depth = CATALOGUE[name].size[1]
+    cx, cy = local(x, y, yaw, float(rng.uniform(-0.06, 0.06)), -(depth / 2 - tucked))
+    return thing(name, cx, cy, yaw + math.pi + float(rng.uniform(-0.3, 0.3)))
+
+
+def workplace(
+    desk: str, x: float, y: float, yaw: float, rng: Generator, *, screen_first: bool = False
+) -> list[WorldObject]:
+    """A desk whose user sits at its local -y side, with chair, screen, keyboard and some paper."""
+    width, depth, height = CATALOGUE[desk].size
+    items = [thing(desk, x, y, yaw)]
+    edge = local(x, y, yaw, 0.0, -depth / 2)
+    items.append(chair_at("office chair", *edge, yaw, rng))
+    if screen_first or rng.random() < 0.75:
+        sx, sy = local(x, y, yaw, 0.0, 0.20)
+        items.append(thing("monitor", sx, sy, yaw + float(rng.uniform(-0.15, 0.15)), z=height))
+        kx, ky = local(x, y, yaw, 0.0, -0.12)
+        items.append(thing("keyboard", kx, ky, yaw, z=height))
+    if rng.random() < 0.6:
+        px, py = local(x, y, yaw, (width / 2 - 0.2) * (1.0 if rng.random() < 0.5 else -1.0), 0.12)
+        items.append(thing("paper tray", px, py, yaw, z=height))
+    return items
