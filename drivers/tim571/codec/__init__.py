@@ -1,0 +1,1 @@
+"""CoLa-A and CoLa-B as pure functions: bytes in any fragmentation to telegrams, values to bytes."""

@@ -1,0 +1,290 @@
+"""Reading and writing telegram parameters in either dialect, so that each telegram is described once.
+
+A layout is a string of `struct` letters (`B H I` unsigned, `h i` signed, `f` float32) and `S`, a string with
+its length in front. CoLa-A writes each letter as one blank-separated token, CoLa-B as big-endian bytes.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.tim571.codec import hexwords
+from drivers.tim571.codec.dialect import Dialect
+from drivers.tim571.codec.faults import Fault
+from drivers.tim571.errors import TimMalformedError
+
+Samples = NDArray[np.unsignedinteger]
+
+_BLANK = b" "
+_HEX = b"0123456789ABCDEFabcdef"
+_LONGEST_NUMBER = 11  # "+4294967295"
+_BITS = {"B": 8, "H": 16, "I": 32, "h": 16, "i": 32}
+_SAMPLE: dict[str, type[np.uint8 | np.uint16]] = {"B": np.uint8, "H": np.uint16}
+_BIG_ENDIAN: dict[str, np.dtype[Any]] = {"B": np.dtype(np.uint8), "H": np.dtype(">u2")}
+
+
+class Reader(Protocol):
+    """Takes parameters off the front of a telegram's body; raises TimMalformedError where they don't fit."""
+
+    def take(self, layout: str) -> tuple[Any, ...]:
+        """The next numbers; `layout` without `S`."""
+
+    def tag(self, length: int) -> str:
+        """The next fixed-length name, such as `DIST1`."""
+
+    def string(self) -> str:
+        """The next string (latin-1, so that every byte survives)."""
+
+    def samples(self, count: int, letter: str) -> Samples:
+        """The next `count` samples of letter `B` or `H`."""
+
+    @property
+    def rest(self) -> bytes:
+        """What has not been taken yet."""
+
+
+class BinaryReader:
+    """CoLa-B parameters: packed, big-endian, nothing in between."""
+
+    __slots__ = ("_at", "_body")
+
+    def __init__(self, body: bytes) -> None:
+        self._body = body
+        self._at = 0
+
+    def take(self, layout: str) -> tuple[Any, ...]:
+        layout = ">" + layout
+        return struct.unpack(layout, self._bytes(struct.calcsize(layout)))
+
+    def tag(self, length: int) -> str:
+        return self._bytes(length).decode("latin-1")
+
+    def string(self) -> str:
+        return self._bytes(int.from_bytes(self._bytes(2))).decode("latin-1")
+
+    def samples(self, count: int, letter: str) -> Samples:
+        dtype = _BIG_ENDIAN[letter]
+        raw: Samples = np.frombuffer(self._bytes(count * dtype.itemsize), dtype)
+        return raw.astype(_SAMPLE[letter])
+
+    @property
+    def rest(self) -> bytes:
+        return self._body[self._at :]
+
+    def _bytes(self, count: int) -> bytes:
+        taken = self._body[self._at : self._at + count]
+        if len(taken) < count:
+            raise TimMalformedError(f"{count} bytes expected, {len(taken)} left", Fault.BUFFER_UNDERFLOW)
+        self._at += count
+        return taken
+
+
+class TextReader:
+    """CoLa-A parameters: blank-separated tokens, except that a string may hold blanks."""
+
+    __slots__ = ("_at", "_body")
+
+    def __init__(self, body: bytes) -> None:
+        self._body = body
+        self._at = 0
+
+    def take(self, layout: str) -> tuple[Any, ...]:
+        return tuple(_number(self._token(), letter) for letter in layout)
+
+    def tag(self, length: int) -> str:
+        token = self._token()
+        if len(token) != length:
+            raise TimMalformedError(f"a name of {length} characters expected, got {len(token)}")
+        return token.decode("latin-1")
+
+    def string(self) -> str:
+        length = _number(self._token(), "H")
+        end = self._at + length
+        text = self._body[self._at : end]
+        if len(text) < length:
+            raise TimMalformedError(f"a string of {length}, {len(text)} left", Fault.BUFFER_UNDERFLOW)
+        if not length:
+            return ""
+        if end < len(self._body) and self._body[end : end + 1] != _BLANK:
+            raise TimMalformedError("a string longer than its length says", Fault.INVALID_CHARACTER)
+        self._at = end + 1
+        return text.decode("latin-1")
+
+    def samples(self, count: int, letter: str) -> Samples:
+        values, self._at = hexwords.parse(self._body, self._at, count, _SAMPLE[letter])
+        return values.astype(_SAMPLE[letter], copy=False)
+
+    @property
+    def rest(self) -> bytes:
+        return self._body[self._at :]
+
+    def _token(self) -> bytes:
+        if self._at >= len(self._body):
+            raise TimMalformedError("a parameter is missing", Fault.BUFFER_UNDERFLOW)
+        end = self._body.find(_BLANK, self._at)
+        end = len(self._body) if end < 0 else end
+        token = self._body[self._at : end]
+        self._at = end + 1
+        return token
+
+
+def _number(token: bytes, letter: str) -> Any:
+    """One CoLa-A number: hex, or decimal when it carries a sign; a float is the hex of its IEEE-754 word."""
+    if letter == "f":
+        return struct.unpack(">f", struct.pack(">I", _number(token, "I")))[0]
+    bits = _BITS[letter]
+    signed = letter.islower()
+    if not token or len(token) > _LONGEST_NUMBER:
+        raise TimMalformedError(f"{token[:20]!r} is no number", Fault.INVALID_CHARACTER)
+    if token[0] in b"+-":
+        if not token[1:].isdigit():
+            raise TimMalformedError(f"{token!r} is no decimal number", Fault.INVALID_CHARACTER)
+        value = int(token)
+    elif token.strip(_HEX):
+        raise TimMalformedError(f"{token!r} is no hex number", Fault.INVALID_CHARACTER)
+    else:
+        value = int(token, 16)
+        if signed and 1 << (bits - 1) <= value < 1 << bits:
+            value -= 1 << bits
+    low, high = (-(1 << (bits - 1)), 1 << (bits - 1)) if signed else (0, 1 << bits)
+    if not low <= value < high:
+        raise TimMalformedError(f"{token!r} does not fit its parameter", Fault.VALUE_OVERFLOW)
+    return value
+
+
+class Writer(Protocol):
+    """Collects parameters; raises ValueError for one that the wire cannot carry."""
+
+    def put(self, layout: str, *values: Any) -> None:
+        """Append numbers; `layout` without `S`."""
+
+    def tag(self, name: str) -> None:
+        """Append a fixed-length name."""
+
+    def string(self, text: str) -> None:
+        """Append a string with its length."""
+
+    def samples(self, values: Samples, letter: str) -> None:
+        """Append samples of letter `B` or `H`."""
+
+    def raw(self, rest: bytes) -> None:
+        """Append what a reader returned as `rest`."""
+
+    def body(self) -> bytes:
+        """All of it."""
+
+
+class BinaryWriter:
+    """CoLa-B parameters."""
+
+    __slots__ = ("_parts",)
+
+    def __init__(self) -> None:
+        self._parts: list[bytes] = []
+
+    def put(self, layout: str, *values: Any) -> None:
+        self._parts.append(_pack(layout, *values))
+
+    def tag(self, name: str) -> None:
+        self._parts.append(name.encode("latin-1"))
+
+    def string(self, text: str) -> None:
+        coded = text.encode("latin-1")
+        self._parts += (_pack("H", len(coded)), coded)
+
+    def samples(self, values: Samples, letter: str) -> None:
+        self._parts.append(values.astype(_BIG_ENDIAN[letter]).tobytes())
+
+    def raw(self, rest: bytes) -> None:
+        self._parts.append(rest)
+
+    def body(self) -> bytes:
+        return b"".join(self._parts)
+
+
+class TextWriter:
+    """CoLa-A parameters."""
+
+    __slots__ = ("_tokens",)
+
+    def __init__(self) -> None:
+        self._tokens: list[bytes] = []
+
+    def put(self, layout: str, *values: Any) -> None:
+        for letter, value in zip(layout, values, strict=True):
+            word = _pack(letter, value)
+            self._tokens.append(word.hex().upper().encode() if letter == "f" else b"%X" % int.from_bytes(word))
+
+    def tag(self, name: str) -> None:
+        self._tokens.append(_text(name))
+
+    def string(self, text: str) -> None:
+        coded = _text(text)
+        self._tokens.append(b"%X" % len(coded))
+        if coded:
+            self._tokens.append(coded)
+
+    def samples(self, values: Samples, letter: str) -> None:
+        if len(values):
+            self._tokens.append(hexwords.build(values.astype(_SAMPLE[letter])))
+
+    def raw(self, rest: bytes) -> None:
+        if rest:
+            self._tokens.append(rest)
+
+    def body(self) -> bytes:
+        return _BLANK.join(self._tokens)
+
+
+_CONTROL = re.compile(rb"[\x00-\x1f]")
+
+
+def _text(text: str) -> bytes:
+    coded = text.encode("latin-1")
+    if _CONTROL.search(coded):
+        raise ValueError(f"{text!r} holds a control character, which CoLa-A cannot carry")
+    return coded
+
+
+def _pack(layout: str, *values: Any) -> bytes:
+    try:
+        return struct.pack(">" + layout, *values)
+    except struct.error as error:
+        raise ValueError(f"{values} does not fit layout {layout}: {error}") from error
+
+
+def reader(dialect: Dialect, body: bytes) -> Reader:
+    """A reader of a telegram's body."""
+    return TextReader(body) if dialect is Dialect.A else BinaryReader(body)
+
+
+def writer(dialect: Dialect) -> Writer:
+    """An empty writer."""
+    return TextWriter() if dialect is Dialect.A else BinaryWriter()
+
+
+def unpack(dialect: Dialect, body: bytes, layout: str) -> tuple[Any, ...]:
+    """All parameters of a short telegram; raises TimMalformedError where too few, too many or wrong."""
+    source = reader(dialect, body)
+    values: list[Any] = []
+    for letter in layout:
+        values += (source.string(),) if letter == "S" else source.take(letter)
+    if source.rest:
+        raise TimMalformedError("more parameters than expected", Fault.BUFFER_OVERFLOW)
+    return tuple(values)
+
+
+def pack(dialect: Dialect, layout: str, *values: Any) -> bytes:
+    """The parameters of a short telegram; raises ValueError for one that does not fit."""
+    sink = writer(dialect)
+    for letter, value in zip(layout, values, strict=True):
+        if letter == "S":
+            sink.string(value)
+        else:
+            sink.put(letter, value)
+    return sink.body()
