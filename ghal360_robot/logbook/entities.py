@@ -1,0 +1,218 @@
+"""The entities of the log: the columns of each, and the order in which a flush writes them."""
+
+from __future__ import annotations
+
+import functools
+import re
+
+import pyarrow as pa  # type: ignore[import-untyped]
+import rerun as rr
+
+from .table import BLOB, BOOL, F32, F64, I64, TEXT, U8, U16, U32, Column, Table, own, vector
+
+# An unchanged row is repeated this often, so that a lost row cannot mislead a reader for long.
+KEEPALIVE_NS = 1_000_000_000
+
+# Sources of text are code, not wires; the bound only keeps a mistake from filling the entity tree.
+MAX_LOG_SOURCES = 64
+
+SCALARS = Column(rr.Scalars.descriptor_scalars(), F64)
+STATE = Column(rr.StateChange.descriptor_state(), TEXT)
+POSITIONS = Column(rr.Points3D.descriptor_positions(), vector(3))
+TRANSFORM = (
+    Column(rr.Transform3D.descriptor_translation(), vector(3)),
+    Column(rr.Transform3D.descriptor_quaternion(), vector(4)),
+    Column(rr.Transform3D.descriptor_parent_frame(), TEXT),
+    Column(rr.Transform3D.descriptor_child_frame(), TEXT),
+)
+IMAGE_FORMAT = pa.struct(
+    [
+        pa.field("width", U32, nullable=False),
+        pa.field("height", U32, nullable=False),
+        pa.field("pixel_format", U8),
+        pa.field("color_model", U8),
+        pa.field("channel_datatype", U8),
+    ]
+)
+GREY = rr.ColorModel.L.value
+UNSIGNED_BYTE = rr.ChannelDatatype.U8.value
+
+THETA_VIDEO = Table(
+    "theta/video",
+    (
+        Column(rr.VideoStream.descriptor_sample(), BLOB),
+        Column(rr.VideoStream.descriptor_is_keyframe(), BOOL),
+        own("AccessUnit", "sequence", I64),
+        own("AccessUnit", "tainted", BOOL),
+        own("AccessUnit", "latency_ns", I64),
+    ),
+)
+THETA_OBJECTS = Table(
+    "theta/objects",
+    (
+        Column(rr.Boxes2D.descriptor_centers(), vector(2)),
+        Column(rr.Boxes2D.descriptor_half_sizes(), vector(2)),
+        Column(rr.Boxes2D.descriptor_labels(), TEXT),
+        Column(rr.Boxes2D.descriptor_class_ids(), U16),
+        own("Detections", "picture", I64),
+        own("Detections", "detector", TEXT),
+        own("Detections", "name", TEXT),
+        own("Detections", "score", F64),
+        own("Detections", "yaw", F64),
+        own("Detections", "pitch", F64),
+        own("Detections", "width", F64),
+        own("Detections", "height", F64),
+    ),
+)
+LIDAR_RAW = Table("lidar/raw", (own("Telegram", "bytes", U8),))
+LIDAR_SCAN = Table(
+    "lidar/scan",
+    (
+        POSITIONS,
+        own("LidarScan", "ranges_mm", U16),
+        own("LidarScan", "ranges_m", F32),
+        own("LidarScan", "yaw", F32, sparse=True),
+        own("LidarScan", "rssi_u8", U8),
+        own("LidarScan", "rssi_u16", U16),
+        own("LidarScan", "rssi", F32),
+        own("LidarScan", "counters", I64),
+        own("LidarScan", "device_ok", BOOL),
+    ),
+)
+"""`counters` is scan counter, telegram counter, device time in microseconds."""
+
+CAN_COLUMNS = (own("CanFrame", "id", U32), own("CanFrame", "data", U8))
+CAN = {direction: Table(f"can/{direction}", CAN_COLUMNS) for direction in ("rx", "tx")}
+
+BASE_STATE = Table(
+    "base/state",
+    (
+        SCALARS,
+        own("BaseState", "mode", TEXT),
+        own("BaseState", "pose", F64),
+        own("BaseState", "faults", TEXT),
+    ),
+)
+"""Scalars are v, w, battery in percent."""
+
+TF_BASE = Table("tf/base", TRANSFORM)
+OPERATOR_HEAD = Table("operator/head", (SCALARS,))
+"""Scalars are yaw, pitch, horizontal field of view."""
+OPERATOR_COMMAND = Table(
+    "operator/command",
+    (
+        own("OperatorInput", "head", F64),
+        own("OperatorInput", "deadman", BOOL),
+        own("OperatorInput", "stick", F64),
+        own("OperatorInput", "presses", I64),
+    ),
+)
+"""`stick` is v, w or empty; `presses` are arm, disarm, estop, found."""
+
+SCENE_WEDGES = Table("scene/wedges", (SCALARS,), on_change=True, keepalive_ns=KEEPALIVE_NS)
+GUIDANCE_CUE = Table("guidance/cue", (STATE, own("Cue", "target_yaw", F64)), on_change=True, keepalive_ns=KEEPALIVE_NS)
+GUIDANCE_Q = Table("guidance/q", (SCALARS,), on_change=True, keepalive_ns=KEEPALIVE_NS)
+INTENT_BELIEF = Table("intent/belief", (SCALARS,), on_change=True, keepalive_ns=KEEPALIVE_NS)
+INTENT_INTENTION = Table(
+    "intent/intention", (STATE, own("Intention", "wedge", I64)), on_change=True, keepalive_ns=KEEPALIVE_NS
+)
+CMD_WANTED = Table("cmd/wanted", (SCALARS, own("Command", "reasons", TEXT)), on_change=True, keepalive_ns=KEEPALIVE_NS)
+CMD_APPLIED = Table(
+    "cmd/applied",
+    (
+        SCALARS,
+        own("Command", "reasons", TEXT),
+        own("Command", "arm", TEXT),
+        own("Command", "clearance_m", F64),
+    ),
+    on_change=True,
+    keepalive_ns=KEEPALIVE_NS,
+)
+STATE_ARM = Table("state/arm", (STATE,), on_change=True)
+STATE_BASE = Table("state/base", (STATE,), on_change=True)
+LOOP_TIMING = Table("loop/timing", (SCALARS,))
+"""Scalars are lateness and work in milliseconds."""
+LOOP_INPUTS = Table(
+    "loop/inputs",
+    (
+        own("Inputs", "stamps", I64),
+        own("Inputs", "devices", TEXT, sparse=True),
+        own("Inputs", "health", U8),
+        own("Inputs", "age_s", F64),
+    ),
+)
+"""`stamps` of base, scan, detections, operator (-1 for none); `health` bits are alive, rate_ok, valid."""
+
+WORLD_MAP = Table(
+    "world/map",
+    (
+        Column(rr.GridMap.descriptor_data(), BLOB),
+        Column(rr.GridMap.descriptor_format(), IMAGE_FORMAT),
+        Column(rr.GridMap.descriptor_cell_size(), F32),
+        Column(rr.GridMap.descriptor_translation(), vector(3)),
+        Column(rr.GridMap.descriptor_quaternion(), vector(4)),
+        own("Map", "origin", F64),
+        own("Map", "resolution_m", F64),
+    ),
+)
+WORLD_TARGET = Table("world/target", (POSITIONS, own("Target", "position", F64)), on_change=True)
+SIM_TRUTH = Table("sim/truth", (POSITIONS, own("Truth", "pose", F64)))
+
+# A flush writes in this order. `loop/inputs` comes after everything its tick decided, so that whoever
+# reads a torn file may trust every tick it finds there.
+ORDER = (
+    THETA_VIDEO,
+    LIDAR_RAW,
+    CAN["rx"],
+    CAN["tx"],
+    LIDAR_SCAN,
+    THETA_OBJECTS,
+    BASE_STATE,
+    TF_BASE,
+    OPERATOR_HEAD,
+    OPERATOR_COMMAND,
+    WORLD_MAP,
+    WORLD_TARGET,
+    SIM_TRUTH,
+    SCENE_WEDGES,
+    GUIDANCE_CUE,
+    GUIDANCE_Q,
+    INTENT_BELIEF,
+    INTENT_INTENTION,
+    CMD_WANTED,
+    CMD_APPLIED,
+    STATE_ARM,
+    STATE_BASE,
+    LOOP_TIMING,
+    LOOP_INPUTS,
+)
+
+
+def log_table(source: str) -> Table:
+    """`log/<source>`: text and level. Dots of a logger's name become branches of the tree."""
+    return _log_table("/".join(part for part in re.split(r"[^A-Za-z0-9_-]+", source) if part) or "other")
+
+
+@functools.cache
+def _log_table(path: str) -> Table:
+    if _log_table.cache_info().currsize >= MAX_LOG_SOURCES and path != "other":
+        return _log_table("other")
+    columns = (Column(rr.TextLog.descriptor_text(), TEXT), Column(rr.TextLog.descriptor_level(), TEXT))
+    return Table(f"log/{path}", columns)
+
+
+@functools.lru_cache(maxsize=16)
+def link_table(device: str) -> Table:
+    """`state/<device>`: the link's state as a state change, and its counts.
+
+    `counts` are received, lost, damaged, reconnects.
+    """
+    columns = (
+        Column(rr.StateChange.descriptor_state(), TEXT, sparse=True),
+        own("LinkStats", "link", TEXT),
+        own("LinkStats", "detail", TEXT),
+        own("LinkStats", "counts", I64),
+        own("LinkStats", "rate_hz", F64),
+        own("LinkStats", "last_ns", I64),
+    )
+    return Table(f"state/{re.sub(r'[^A-Za-z0-9_-]+', '_', device)}", columns)

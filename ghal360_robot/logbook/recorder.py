@@ -1,0 +1,189 @@
+"""What the rest of the robot calls to have something logged: typed, from any thread, never waiting."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Literal
+
+from . import entities, rows, run_folder
+from .clock import Anchor
+from .mailbox import MAX_BYTES, MAX_ENTRIES, Entry, Mailbox
+from .part import PartFile
+from .statics import Mount, Run
+from .writer import Writer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+    from pathlib import Path
+    from types import TracebackType
+    from typing import Self
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from ghal360_robot.messages import (
+        Applied,
+        BaseState,
+        Decision,
+        Detections,
+        Inputs,
+        LidarScan,
+        LinkStats,
+        OperatorInput,
+        Pose2,
+    )
+
+    from .table import Row
+
+# systemd and the person at the robot both wait for this one.
+CLOSE_TIMEOUT_S = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class RecorderStats:
+    """How the recording is doing."""
+
+    part: str
+    """Name of the file being written."""
+    written: int
+    """Rows sent to the file."""
+    queued: int
+    queued_bytes: int
+    dropped_video: int
+    """Access units dropped because the disk is too slow; video goes first."""
+    dropped_rest: int
+    failed_rows: int
+    """Rows that could not be logged; `log/logbook` says which."""
+    failed: str | None
+    """Why nothing is being written at present; None when all is well."""
+    reopened: int
+    """How often a new part was begun after the file had died."""
+    writer_cpu_s: float
+
+
+class Recorder:
+    """One run's recording: `<directory>/<run_id>/part-000.rrd` and `meta.json`.
+
+    Stamps are `time.monotonic_ns()`; the file has wall-clock time, through one anchor taken here.
+    All methods but `close` only queue what they are given, which must not be changed afterwards.
+
+    Raises:
+        RecordingNotWritableError: the directory cannot be written.
+    """
+
+    def __init__(
+        self,
+        directory: Path,
+        *,
+        run_id: str | None = None,
+        application_id: str = "ghal360",
+        properties: Mapping[str, str],
+        config_toml: str,
+        mounts: Mapping[str, Mount] | None = None,
+        max_bytes: int = MAX_BYTES,
+        max_entries: int = MAX_ENTRIES,
+    ) -> None:
+        self.anchor = Anchor.now()
+        if mounts is None:
+            mounts = {"lidar": Mount(), "theta": Mount()}
+        self.run_id = run_id or run_folder.new_run_id(self.anchor.wall_ns)
+        run = Run(self.run_id, self.anchor, config_toml, dict(properties), dict(mounts))
+        self.folder = run_folder.create(directory, run)
+        self._camera_yaw = mounts["theta"].yaw if "theta" in mounts else 0.0
+        self._part = PartFile(self.folder, application_id, run)
+        self._mailbox = Mailbox(max_bytes, max_entries)
+        self._writer = Writer(self._mailbox, self._part, self.anchor)
+        self._base_states = itertools.count()
+        self._writer.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @property
+    def stats(self) -> RecorderStats:
+        mailbox, writer = self._mailbox, self._writer
+        return RecorderStats(
+            part=self._part.path.name,
+            written=writer.batches.written,
+            queued=len(mailbox),
+            queued_bytes=mailbox.bytes,
+            dropped_video=mailbox.dropped_video,
+            dropped_rest=mailbox.dropped_rest,
+            failed_rows=writer.batches.failed,
+            failed=writer.failed,
+            reopened=writer.reopened,
+            writer_cpu_s=writer.cpu_s,
+        )
+
+    def access_unit(self, stamp_ns: int, data: bytes, sequence: int, keyframe: bool, tainted: bool) -> None:
+        """One H.264 access unit as received (Annex B); `keyframe` only for an IDR that brings its SPS.
+
+        `stamp_ns` is the camera's instant; what has passed since is logged as the unit's latency.
+        """
+        latency_ns = time.monotonic_ns() - stamp_ns
+        make = partial(rows.access_unit, stamp_ns, data, sequence, keyframe, tainted, latency_ns)
+        self._put("theta/video", make, len(data), video=True, keyframe=keyframe)
+
+    def detections(self, found: Detections) -> None:
+        self._put("theta/objects", partial(rows.detections, found, self._camera_yaw))
+
+    def lidar_telegram(self, stamp_ns: int, data: bytes) -> None:
+        """One telegram as received, framing included."""
+        self._put("lidar/raw", partial(rows.lidar_telegram, stamp_ns, data), len(data))
+
+    def lidar_scan(self, scan: LidarScan) -> None:
+        size = scan.ranges.nbytes + scan.yaw.nbytes + (scan.rssi.nbytes if scan.rssi is not None else 0)
+        self._put("lidar/scan", partial(rows.lidar_scan, scan), size)
+
+    def can_frame(self, stamp_ns: int, direction: Literal["rx", "tx"], can_id: int, data: bytes) -> None:
+        self._put(f"can/{direction}", partial(rows.can_frame, stamp_ns, direction, can_id, data), len(data))
+
+    def base_state(self, state: BaseState) -> None:
+        self._put("base/state", partial(rows.base_state, state, next(self._base_states)))
+
+    def operator(self, message: OperatorInput) -> None:
+        self._put("operator/command", partial(rows.operator, message))
+
+    def tick(self, inputs: Inputs, decision: Decision, applied: Applied, lateness_ms: float, work_ms: float) -> None:
+        """What one control tick saw, decided and did, and how late it was."""
+        self._put("loop/inputs", partial(rows.tick, inputs, decision, applied, lateness_ms, work_ms))
+
+    def link(self, device: str, stats: LinkStats) -> None:
+        """How a device is doing now; about once a second and on every change."""
+        self._put(f"state/{device}", partial(rows.link, time.monotonic_ns(), device, stats))
+
+    def truth(self, stamp_ns: int, pose: Pose2, target: tuple[float, float] | None = None) -> None:
+        """Where the simulated robot really is, and its target, in the simulated world."""
+        self._put("sim/truth", partial(rows.truth, stamp_ns, pose, target))
+
+    def grid_map(self, stamp_ns: int, cells: NDArray[np.uint8], resolution_m: float, origin: Pose2) -> None:
+        """An occupancy map: `cells` (rows, columns) uint8; `origin` is the pose of its lower left corner."""
+        self._put("world/map", partial(rows.grid_map, stamp_ns, cells, resolution_m, origin), cells.nbytes)
+
+    def text(self, stamp_ns: int, source: str, level: str, text: str) -> None:
+        """A line for people, `level` as in Rerun: TRACE, DEBUG, INFO, WARN, ERROR, CRITICAL."""
+        self._put(entities.log_table(source).entity, partial(rows.text, stamp_ns, source, level, text), len(text))
+
+    def close(self, timeout_s: float = CLOSE_TIMEOUT_S) -> bool:
+        """Write what waits and end the file properly; False where that did not succeed in time."""
+        self._mailbox.close()
+        return self._writer.stop(timeout_s) and self._writer.failed is None
+
+    def _put(
+        self,
+        entity: str,
+        make: Callable[[], Iterable[Row]],
+        size: int = 0,
+        *,
+        video: bool = False,
+        keyframe: bool = False,
+    ) -> None:
+        self._mailbox.put(Entry(entity, make, size, video, keyframe))

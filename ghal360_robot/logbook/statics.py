@@ -1,0 +1,117 @@
+"""What every part of a recording says once: codec, frames, names and colours, mounts, the run itself."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import rerun as rr
+
+from . import entities
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from .clock import Anchor
+
+STATE_COLORS: dict[str, tuple[int, int, int]] = {
+    "none": (120, 120, 120),
+    "left": (80, 150, 255),
+    "right": (255, 170, 60),
+    "confirm": (90, 200, 110),
+    "disarmed": (120, 120, 120),
+    "armed": (90, 200, 110),
+    "estop": (230, 60, 60),
+    "unknown": (120, 120, 120),
+    "starting": (240, 200, 80),
+    "standby": (80, 150, 255),
+    "drive": (90, 200, 110),
+    "off": (60, 60, 60),
+}
+
+FRAMES = {
+    "lidar/scan": "lidar",
+    "world/map": "odom",
+    "world/target": "odom",
+    "sim/truth": "odom",
+}
+
+SERIES = {
+    "scene/wedges": tuple(f"W{k}" for k in range(8)),
+    "guidance/q": ("left", "right", "confirm"),
+    "intent/belief": tuple(f"wedge {k}" for k in range(8)),
+    "cmd/wanted": ("wanted v m/s", "wanted w rad/s"),
+    "cmd/applied": ("applied v m/s", "applied w rad/s"),
+    "base/state": ("measured v m/s", "measured w rad/s", "battery %"),
+    "operator/head": ("yaw rad", "pitch rad", "fov rad"),
+    "loop/timing": ("lateness ms", "work ms"),
+}
+
+# The battery's hundred would flatten the speeds beside it.
+HIDDEN_SERIES = {"base/state": (True, True, False)}
+
+
+@dataclass(frozen=True, slots=True)
+class Mount:
+    """Where a sensor sits in the base frame: metres and radians."""
+
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    yaw: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What identifies a run; it stands in every part."""
+
+    run_id: str
+    anchor: Anchor
+    config_toml: str
+    properties: Mapping[str, str]
+    mounts: Mapping[str, Mount]
+
+
+def log_statics(stream: rr.RecordingStream, run: Run) -> None:
+    """Log all of it; a rotated part has only the statics that are logged again."""
+    stream.send_recording_name(run.run_id)
+    stream.send_recording_start_time_nanos(run.anchor.wall_ns)
+    stream.send_property(
+        "run",
+        rr.DynamicArchetype(
+            "Run",
+            components={
+                "run_id": run.run_id,
+                "config_toml": run.config_toml,
+                "monotonic_ns": [run.anchor.monotonic_ns],
+                "wall_ns": [run.anchor.wall_ns],
+            },
+        ),
+    )
+    if run.properties:
+        stream.send_property("robot", rr.DynamicArchetype("Robot", components=dict(run.properties)))
+    stream.log(entities.THETA_VIDEO.entity, rr.VideoStream(codec=rr.VideoCodec.H264), static=True)
+    for sensor, mount in run.mounts.items():
+        stream.log(f"tf/{sensor}", _transform(sensor, mount), static=True)
+    for entity, frame in FRAMES.items():
+        stream.log(entity, rr.CoordinateFrame(frame), static=True)
+    for entity, names in SERIES.items():
+        visible = HIDDEN_SERIES.get(entity)
+        stream.log(entity, rr.SeriesLines(names=names, visible_series=visible), static=True)
+    states = rr.StateConfiguration(
+        values=list(STATE_COLORS),
+        labels=list(STATE_COLORS),
+        colors=[list(color) for color in STATE_COLORS.values()],
+    )
+    for table in (entities.GUIDANCE_CUE, entities.STATE_ARM, entities.STATE_BASE):
+        stream.log(table.entity, states, static=True)
+
+
+def _transform(sensor: str, mount: Mount) -> rr.Transform3D:
+    return rr.Transform3D(
+        translation=(mount.x, mount.y, mount.z),
+        quaternion=rr.Quaternion(xyzw=(0.0, 0.0, math.sin(mount.yaw / 2), math.cos(mount.yaw / 2))),
+        parent_frame="base",
+        child_frame=sensor,
+    )

@@ -1,0 +1,133 @@
+"""The one thread that owns the recording: takes from the mailbox, writes rows, watches the file."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import TYPE_CHECKING
+
+from . import rows
+from .batches import BAD_ROW, Batches
+from .errors import RecordingNotWritableError
+
+if TYPE_CHECKING:
+    from .clock import Anchor
+    from .mailbox import Mailbox
+    from .part import PartFile
+
+# Small bites, so that a control loop in the same interpreter is never kept waiting long.
+TAKE_PERIOD_S = 0.05
+TAKE_ENTRIES = 200
+
+# A killed process loses what it has not flushed: 0.3 s here and less than 0.1 s on the way there.
+# Every flush costs about 1.1 kB for each entity that has rows.
+FLUSH_PERIOD_S = 0.3
+
+# Other threads may run between two tables of a flush.
+BREATH_S = 0.0005
+
+PROBE_PERIOD_S = 1.0
+
+SOURCE = "logbook"
+
+
+class Writer:
+    """Runs from `start` until `stop`; its fields may be read from any thread."""
+
+    def __init__(self, mailbox: Mailbox, part: PartFile, anchor: Anchor) -> None:
+        self._mailbox = mailbox
+        self._part = part
+        self._stop = threading.Event()
+        self._reported_drops = (0, 0)
+        self._thread = threading.Thread(target=self._run, name="logbook-writer", daemon=True)
+        self.batches = Batches(part.stream, anchor)
+        self.failed: str | None = None
+        self.reopened = 0
+        self.cpu_s = 0.0
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def stop(self, timeout_s: float) -> bool:
+        """Write what waits and the footer; False where that takes longer than `timeout_s`."""
+        self._stop.set()
+        self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    def _run(self) -> None:
+        flush_at = time.monotonic() + FLUSH_PERIOD_S
+        probe_at = time.monotonic() + PROBE_PERIOD_S
+        while not self._stop.wait(TAKE_PERIOD_S):
+            if self.failed is None:
+                self._take()
+            now = time.monotonic()
+            if self.failed is None and now >= flush_at:
+                self._flush()
+                flush_at = now + FLUSH_PERIOD_S
+            if now >= probe_at:
+                self._report()
+                self._probe()
+                probe_at = now + PROBE_PERIOD_S
+            self.cpu_s = time.thread_time()
+        self._finish()
+
+    def _take(self) -> None:
+        for entry in self._mailbox.take(TAKE_ENTRIES):
+            try:
+                for row in entry.rows():
+                    self.batches.add(row)
+            except BAD_ROW as error:
+                self.batches.fail(entry.entity, error)
+
+    def _flush(self) -> None:
+        for _ in self.batches.flush():
+            time.sleep(BREATH_S)
+
+    def _finish(self) -> None:
+        if self.failed is None:
+            while len(self._mailbox):
+                self._take()
+            self._report()
+            for _ in self.batches.flush():
+                pass
+        reason = self._part.close()
+        if reason is not None and self.failed is None:
+            self.failed = f"The recording {self._part.path} has no proper end ({reason})."
+
+    def _probe(self) -> None:
+        """A dead file writer shows in nothing but a failing flush (fact sheet rerun_and_style, A4)."""
+        if self.failed is None:
+            reason = self._part.death()
+            if reason is None:
+                return
+            self.failed = (
+                f"The recording {self._part.path} has stopped ({reason}): the disk is probably full; "
+                "make room and it goes on in a new part."
+            )
+        if not self._part.disk_takes_bytes():
+            return
+        try:
+            self._part.open_next()
+        except RecordingNotWritableError as error:
+            self.failed = str(error)
+            return
+        self.reopened += 1
+        self.batches.forget()
+        self._say("ERROR", f"{self.failed} It goes on in {self._part.path.name}.")
+        self.failed = None
+
+    def _report(self) -> None:
+        """Say in the log itself what is missing from it."""
+        drops = (self._mailbox.dropped_video, self._mailbox.dropped_rest)
+        video, rest = (now - before for now, before in zip(drops, self._reported_drops, strict=True))
+        if video or rest:
+            self._reported_drops = drops
+            self._say("WARN", f"The disk is too slow: {video} pictures and {rest} other entries were dropped.")
+        failures = self.batches.take_failures()
+        if failures:
+            which = ", ".join(f"{count} of {entity}" for entity, count in sorted(failures.items()))
+            self._say("ERROR", f"Rows that could not be logged: {which} ({self.batches.last_failure}).")
+
+    def _say(self, level: str, message: str) -> None:
+        for row in rows.text(time.monotonic_ns(), SOURCE, level, message):
+            self.batches.add(row)
