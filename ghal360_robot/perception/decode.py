@@ -176,17 +176,22 @@ class PictureDecoder:
             # A clean IDR leans on nothing before it; everything else leans on all units since.
             self._tainted = unit.tainted or ((self._tainted or gap) and not unit.idr)
             tainted = self._tainted
-        packet = av.Packet(unit.data)
-        packet.pts = unit.number
-        self._in_decoder[unit.number] = AccessUnit(b"", unit.number, unit.stamp_ns, tainted, unit.idr, unit.parameters)
+        self._in_decoder[unit.number] = _Origin(unit.stamp_ns, tainted)
         while len(self._in_decoder) > UNITS_IN_DECODER:
             del self._in_decoder[next(iter(self._in_decoder))]
+        packet = av.Packet(unit.data)
+        packet.pts = unit.number
+        frames: list[av.VideoFrame] = []
         try:
-            frames = self._decoder.decode(packet)
+            if unit.idr and self._decoder.has_b_frames:
+                # The camera never reorders pictures, so a damaged SPS said so; libavcodec would go on
+                # holding every picture back by one for as long as this decoder lives.
+                frames += self._decoder.decode(None)
+                self._decoder = _new_decoder()
+            frames += self._decoder.decode(packet)
         except av.FFmpegError as error:
             self._refused(unit, error)
-            return []
-        return [self._picture(frame, unit) for frame in frames]
+        return [picture for frame in frames if (picture := self._picture(frame)) is not None]
 
     def _refused(self, unit: AccessUnit, error: av.FFmpegError) -> None:
         with self._changed:
