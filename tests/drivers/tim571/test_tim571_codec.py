@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import fields as fields_of
 from typing import Any
 
@@ -63,13 +64,12 @@ def test_frames_are_those_of_the_manual() -> None:
 
 
 def test_password_hashes_are_those_of_the_manual() -> None:
-    assert [
-        password_hash(PASSWORDS[level]) for level in (Level.MAINTENANCE, Level.AUTHORISED_CLIENT, Level.SERVICE)
-    ] == [
-        0xB21ACE26,
-        0xF4724744,
-        0x81BE23AA,
-    ]
+    hashes = {level: password_hash(PASSWORDS[level]) for level in PASSWORDS}
+    assert hashes == {
+        Level.MAINTENANCE: 0xB21ACE26,
+        Level.AUTHORISED_CLIENT: 0xF4724744,
+        Level.SERVICE: 0x81BE23AA,
+    }
     assert password_hash("SICKSAFE") == 0x6FD62C05
 
 
@@ -83,11 +83,11 @@ def test_all_real_requests_and_answers_parse_and_build_again(command_pairs: list
         assert answer.to_wire().hex() == pair["answer"]
         assert ANSWER_OF[request.kind] == answer.kind
         assert request.name == answer.name
-        if request.name in commands.VARIABLES or request.name in commands.METHODS:
+        if request.name in {*commands.VARIABLES, *commands.METHODS, *commands.EVENTS}:
             commands.values_of(request)
             commands.values_of(answer)
             understood += 1
-    assert understood == 41
+    assert understood == 43
 
 
 def test_values_of_a_real_tim5xx(command_pairs: list[dict[str, Any]]) -> None:
@@ -200,7 +200,7 @@ def test_what_the_recordings_say(cola_a_scans: list[bytes], cola_b_scans: list[b
     rssi, distance = binary.channel("RSSI1"), binary.channel("DIST1")
     assert rssi is not None
     assert distance is not None
-    assert (len(rssi.samples), rssi.samples.dtype) == (811, np.uint16)
+    assert (len(rssi.samples), rssi.samples.itemsize) == (811, 2)
     assert not np.any((distance.samples > 8) & (rssi.samples == 0))
 
 
@@ -217,7 +217,7 @@ BLOCKS: dict[str, dict[str, Any]] = {
     "all": {
         "name": "a b c",
         "comment": "x",
-        "position": Position(*[0.0] * 6, 0),
+        "position": Position(0, 0, 0, 0, 0, 0, 0),
         "clock": Clock(1970, 1, 1, 0, 0, 0, 0),
         "event": Event("FDIN", 1, 2, 3),
     },
@@ -287,10 +287,8 @@ def test_any_payload_becomes_a_telegram_or_damage(payload: bytes) -> None:
             for event in Receiver(dialect).feed(frame(dialect, kind + payload)):
                 assert isinstance(event, Telegram | Damage)
                 if isinstance(event, Telegram):
-                    try:
-                        commands.values_of(event)
-                    except TimMalformedError as error:
-                        assert isinstance(error.fault, Fault)
+                    with suppress(TimMalformedError):
+                        assert isinstance(commands.values_of(event), tuple)
 
 
 @pytest.mark.parametrize(
