@@ -1,0 +1,51 @@
+"""The same commands and feedback as byte packets with CRC-16, for USB and UDP (fact sheet section 10)."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+
+from drivers.rmp110.codec.frames import Frame
+
+
+def _crc_table() -> tuple[int, ...]:
+    table = []
+    for byte in range(256):
+        crc = byte
+        for _ in range(8):
+            crc = (crc >> 1) ^ 0xA001 if crc & 1 else crc >> 1
+        table.append(crc)
+    return tuple(table)
+
+
+_TABLE = _crc_table()
+
+
+def crc16(data: bytes) -> int:
+    """CRC-16/ARC: reflected 0x8005, start 0, no final xor; `123456789` gives 0xBB3D."""
+    crc = 0
+    for byte in data:
+        crc = (crc >> 8) ^ _TABLE[(crc ^ byte) & 0xFF]
+    return crc
+
+
+def pack_command(frame: Frame) -> bytes:
+    """Twelve bytes: id, both words, CRC high byte first."""
+    body = struct.pack(">H", frame.can_id) + frame.data
+    return body + struct.pack(">H", crc16(body))
+
+
+def pack_feedback(words: Sequence[int]) -> bytes:
+    """Feedback words, two pad bytes and the CRC over everything before it."""
+    body = struct.pack(f">{len(words)}I", *words) + b"\x00\x00"
+    return body + struct.pack(">H", crc16(body))
+
+
+def unpack_feedback(packet: bytes) -> tuple[int, ...] | None:
+    """The words of a feedback packet; None where length or CRC is wrong."""
+    if len(packet) < 8 or len(packet) % 4:
+        return None
+    body, (crc,) = packet[:-2], struct.unpack(">H", packet[-2:])
+    if crc16(body) != crc:
+        return None
+    return struct.unpack(f">{len(packet) // 4 - 1}I", packet[:-4])

@@ -1,0 +1,74 @@
+"""Which words a reply carries, and what they say (fact sheet 3.4, 3.6, 4)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+from drivers.rmp110.codec.feedback_words import WORDS, Word
+from drivers.rmp110.codec.frames import FEEDBACK_ID, Frame, float_to_word, pack_words, word_to_float
+from drivers.rmp110.codec.parameters import Kind
+
+COMPACT_BITMAPS = (0x7B800F0F, 0x03030026, 0, 0)
+"""Faults, time, mode, charge, limits, speeds, wheel positions, targets: 22 words, 11 frames (fact sheet 3.6)."""
+FACTORY_BITMAPS = (0xFFFFFFFF, 0xFFFFFFFF, 0xFFFFFFFF, 0)
+"""All 96 words, 48 frames."""
+MAX_FRAMES = 48
+"""All words on; no reply of dialect B2 is longer."""
+
+
+class Dialect(Enum):
+    """Dialects of the 0x500 family that answer command 30; told apart by the length of that reply."""
+
+    B2 = "B2"
+    B3 = "B3"
+
+
+CONFIG_REPLY_FRAMES = {10: Dialect.B2, 11: Dialect.B3}
+"""Frames in a forced configuration reply: 20 stored words, or 21 with the lateral acceleration limit."""
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """The words of one reply, in wire order."""
+
+    words: tuple[Word, ...]
+
+    @classmethod
+    def of(cls, bitmaps: Sequence[int]) -> Layout:
+        """The layout that these user-defined feedback bitmaps (1..3, further ones ignored) switch on."""
+        return cls(tuple(word for word in WORDS if bitmaps[word.bitmap - 1] >> word.bit & 1))
+
+    @property
+    def frame_count(self) -> int:
+        """CAN frames per reply; 0 means that the base never answers."""
+        return (len(self.words) + 1) // 2
+
+    def missing(self, names: Iterable[str]) -> tuple[str, ...]:
+        """Those of the names that a reply does not carry."""
+        present = {word.name for word in self.words}
+        return tuple(name for name in names if name not in present)
+
+    def decode(self, words: Sequence[int]) -> dict[str, float]:
+        """Values by name: floats for float words, whole numbers for the others. NaN is not filtered here."""
+        return {
+            word.name: word_to_float(value) if word.kind is Kind.FLOAT else value
+            for word, value in zip(self.words, words, strict=False)
+        }
+
+    def encode(self, values: dict[str, float]) -> tuple[int, ...]:
+        """The words of a reply with these values; names that are missing read zero."""
+        return tuple(
+            float_to_word(values.get(word.name, 0.0)) if word.kind is Kind.FLOAT else int(values.get(word.name, 0))
+            for word in self.words
+        )
+
+
+COMPACT = Layout.of(COMPACT_BITMAPS)
+
+
+def split_frames(words: Sequence[int]) -> tuple[Frame, ...]:
+    """A reply as CAN frames: two words each, ids counting up; an odd last word is followed by zero."""
+    padded = [*words, 0] if len(words) % 2 else words
+    return tuple(pack_words(FEEDBACK_ID + k, padded[2 * k], padded[2 * k + 1]) for k in range(len(padded) // 2))
