@@ -62,15 +62,15 @@ class Batches:
         """A new file begins: the next row of every table is written in full."""
         self._last.clear()
 
-    def flush(self) -> Iterator[Table]:
-        """Send table by table; yields after each, so that the writer can let other threads run.
+    def flush(self, *, slow: bool = True) -> Iterator[Table]:
+        """Send table by table, the slow ones if `slow`; yields after each, to let other threads run.
 
         `loop/inputs` goes last, so that a tick found in the file is whole.
         """
         waiting = sorted(self._rows, key=lambda table: table is entities.LOOP_INPUTS)
         for table in waiting:
             rows = self._rows[table]
-            if rows:
+            if rows and (slow or not table.slow):
                 self._rows[table] = []
                 self._send(table, rows)
                 yield table
@@ -113,10 +113,10 @@ class Batches:
 
     @staticmethod
     def _repeats(row: Row, last: Row) -> bool:
-        keepalive = row.table.keepalive_ns
-        if keepalive is not None and row.stamp_ns - last.stamp_ns >= keepalive:
+        table = row.table
+        if table.keepalive_ns is not None and row.stamp_ns - last.stamp_ns >= table.keepalive_ns:
             return False
-        return all(map(same, row.values, last.values))
+        return all(map(same, row.values[: table.compared], last.values[: table.compared]))
 
 
 def _without_repeats(row: Row, last: Row) -> Row:

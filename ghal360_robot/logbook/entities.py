@@ -11,7 +11,7 @@ import rerun as rr
 from .table import BLOB, BOOL, F32, F64, I64, TEXT, U8, U16, U32, Column, Table, own, vector
 
 # An unchanged row is repeated this often, so that a lost row cannot mislead a reader for long.
-KEEPALIVE_NS = 1_000_000_000
+KEEPALIVE_NS = 5_000_000_000
 
 # Sources of text are code, not wires; the bound only keeps a mistake from filling the entity tree.
 MAX_LOG_SOURCES = 64
@@ -56,14 +56,12 @@ THETA_OBJECTS = Table(
         Column(rr.Boxes2D.descriptor_class_ids(), U16),
         own("Detections", "picture", I64),
         own("Detections", "detector", TEXT),
-        own("Detections", "name", TEXT),
-        own("Detections", "score", F64),
-        own("Detections", "yaw", F64),
-        own("Detections", "pitch", F64),
-        own("Detections", "width", F64),
-        own("Detections", "height", F64),
+        own("Detections", "names", TEXT),
+        own("Detections", "values", F64),
     ),
 )
+"""`values` are score, yaw, pitch, width, height of each object."""
+
 LIDAR_RAW = Table("lidar/raw", (own("Telegram", "bytes", U8),))
 LIDAR_SCAN = Table(
     "lidar/scan",
@@ -88,15 +86,15 @@ BASE_STATE = Table(
     "base/state",
     (
         SCALARS,
-        own("BaseState", "mode", TEXT),
+        own("BaseState", "mode", TEXT, sparse=True),
         own("BaseState", "pose", F64),
-        own("BaseState", "faults", TEXT),
+        own("BaseState", "faults", TEXT, sparse=True),
     ),
 )
 """Scalars are v, w, battery in percent."""
 
-TF_BASE = Table("tf/base", TRANSFORM)
-OPERATOR_HEAD = Table("operator/head", (SCALARS,))
+TF_BASE = Table("tf/base", TRANSFORM, slow=True)
+OPERATOR_HEAD = Table("operator/head", (SCALARS,), slow=True)
 """Scalars are yaw, pitch, horizontal field of view."""
 OPERATOR_COMMAND = Table(
     "operator/command",
@@ -116,13 +114,15 @@ INTENT_BELIEF = Table("intent/belief", (SCALARS,), on_change=True, keepalive_ns=
 INTENT_INTENTION = Table(
     "intent/intention", (STATE, own("Intention", "wedge", I64)), on_change=True, keepalive_ns=KEEPALIVE_NS
 )
-CMD_WANTED = Table("cmd/wanted", (SCALARS, own("Command", "reasons", TEXT)), on_change=True, keepalive_ns=KEEPALIVE_NS)
+CMD_WANTED = Table(
+    "cmd/wanted", (SCALARS, own("Command", "reasons", TEXT, sparse=True)), on_change=True, keepalive_ns=KEEPALIVE_NS
+)
 CMD_APPLIED = Table(
     "cmd/applied",
     (
         SCALARS,
-        own("Command", "reasons", TEXT),
-        own("Command", "arm", TEXT),
+        own("Command", "reasons", TEXT, sparse=True),
+        own("Command", "arm", TEXT, sparse=True),
         own("Command", "clearance_m", F64),
     ),
     on_change=True,
@@ -203,7 +203,7 @@ def _log_table(path: str) -> Table:
 
 @functools.lru_cache(maxsize=16)
 def link_table(device: str) -> Table:
-    """`state/<device>`: the link's state as a state change, and its counts.
+    """`state/<device>`: the link's state as a state change, and its counts every few seconds.
 
     `counts` are received, lost, damaged, reconnects.
     """
@@ -215,4 +215,5 @@ def link_table(device: str) -> Table:
         own("LinkStats", "rate_hz", F64),
         own("LinkStats", "last_ns", I64),
     )
-    return Table(f"state/{re.sub(r'[^A-Za-z0-9_-]+', '_', device)}", columns)
+    entity = f"state/{re.sub(r'[^A-Za-z0-9_-]+', '_', device)}"
+    return Table(entity, columns, on_change=True, keepalive_ns=KEEPALIVE_NS, compared=3)

@@ -87,6 +87,15 @@ class Mailbox:
         with self._lock:
             self._closed = True
 
+    def abandon(self) -> None:
+        """Drop everything that still waits."""
+        with self._lock:
+            self.dropped_video += len(self._video)
+            self.dropped_rest += len(self._rest)
+            self._video.clear()
+            self._rest.clear()
+            self.bytes = 0
+
     def _put_video(self, entry: Entry) -> bool:
         if entry.keyframe:
             self._waiting_for_keyframe = False

@@ -53,6 +53,10 @@ class Table:
     """Rows equal to the one before are left out; a reader carries the row forward."""
     keepalive_ns: int | None = None
     """With `on_change`: an unchanged row is written all the same when the last is this old."""
+    compared: int | None = None
+    """With `on_change`: how many leading columns make a change; None for all."""
+    slow: bool = False
+    """Drawn from values that another table keeps: flushed less often, since a kill loses nothing with it."""
 
 
 @dataclass(frozen=True, slots=True)

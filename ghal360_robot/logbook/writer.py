@@ -15,18 +15,25 @@ if TYPE_CHECKING:
     from .mailbox import Mailbox
     from .part import PartFile
 
-# Small bites, so that a control loop in the same interpreter is never kept waiting long.
+# Small bites with pauses, so that a control loop in the same interpreter is never kept waiting long.
 TAKE_PERIOD_S = 0.05
-TAKE_ENTRIES = 200
+TAKE_ENTRIES = 50
+TAKE_S = 0.025
 
 # A killed process loses what it has not flushed: 0.3 s here and less than 0.1 s on the way there.
 # Every flush costs about 1.1 kB for each entity that has rows.
 FLUSH_PERIOD_S = 0.3
 
+# Tables that only draw what other tables keep are flushed every so many times.
+SLOW_FLUSHES = 4
+
 # Other threads may run between two tables of a flush.
 BREATH_S = 0.0005
 
 PROBE_PERIOD_S = 1.0
+
+# Of the time to close, this much is kept for the last flush and the footer.
+FOOTER_S = 1.0
 
 SOURCE = "logbook"
 
@@ -39,6 +46,7 @@ class Writer:
         self._part = part
         self._stop = threading.Event()
         self._reported_drops = (0, 0)
+        self._take_until = 0.0
         self._thread = threading.Thread(target=self._run, name="logbook-writer", daemon=True)
         self.batches = Batches(part.stream, anchor)
         self.failed: str | None = None
@@ -50,6 +58,7 @@ class Writer:
 
     def stop(self, timeout_s: float) -> bool:
         """Write what waits and the footer; False where that takes longer than `timeout_s`."""
+        self._take_until = time.monotonic() + max(timeout_s - FOOTER_S, timeout_s / 2)
         self._stop.set()
         self._thread.join(timeout_s)
         return not self._thread.is_alive()
@@ -57,13 +66,15 @@ class Writer:
     def _run(self) -> None:
         flush_at = time.monotonic() + FLUSH_PERIOD_S
         probe_at = time.monotonic() + PROBE_PERIOD_S
+        flushes = 0
         while not self._stop.wait(TAKE_PERIOD_S):
-            if self.failed is None:
-                self._take()
             now = time.monotonic()
-            if self.failed is None and now >= flush_at:
-                self._flush()
-                flush_at = now + FLUSH_PERIOD_S
+            if self.failed is None:
+                self._take(until=now + TAKE_S)
+                if now >= flush_at:
+                    flushes += 1
+                    self._flush(slow=flushes % SLOW_FLUSHES == 0)
+                    flush_at = now + FLUSH_PERIOD_S
             if now >= probe_at:
                 self._report()
                 self._probe()
@@ -71,22 +82,25 @@ class Writer:
             self.cpu_s = time.thread_time()
         self._finish()
 
-    def _take(self) -> None:
-        for entry in self._mailbox.take(TAKE_ENTRIES):
-            try:
-                for row in entry.rows():
-                    self.batches.add(row)
-            except BAD_ROW as error:
-                self.batches.fail(entry.entity, error)
+    def _take(self, until: float) -> None:
+        while entries := self._mailbox.take(TAKE_ENTRIES):
+            for entry in entries:
+                try:
+                    for row in entry.rows():
+                        self.batches.add(row)
+                except BAD_ROW as error:
+                    self.batches.fail(entry.entity, error)
+            if time.monotonic() >= until:
+                return
 
-    def _flush(self) -> None:
-        for _ in self.batches.flush():
+    def _flush(self, *, slow: bool) -> None:
+        for _ in self.batches.flush(slow=slow):
             time.sleep(BREATH_S)
 
     def _finish(self) -> None:
         if self.failed is None:
-            while len(self._mailbox):
-                self._take()
+            self._take(self._take_until)
+            self._mailbox.abandon()
             self._report()
             for _ in self.batches.flush():
                 pass
