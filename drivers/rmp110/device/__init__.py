@@ -1,0 +1,1 @@
+"""The base as an async context manager: link, identification, modes, motion, state."""

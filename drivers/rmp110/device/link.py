@@ -1,0 +1,148 @@
+"""One connection to one base: sending, receiving, waiting, and the first thing that goes wrong."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Literal
+
+from drivers.rmp110.codec.frames import COMMAND_IDS, Frame
+from drivers.rmp110.errors import RmpError, RmpForeignCommands, RmpLinkError, RmpSendDropped
+from drivers.rmp110.transport.base import Transport
+
+Direction = Literal["rx", "tx"]
+FrameHook = Callable[[int, Direction, int, bytes], None]
+"""Called with stamp_ns, direction, CAN id and data of every frame, both ways, for the recorder."""
+
+REPLY_S = 0.1
+"""A reply comes within 10 ms; one that is not there after ten times that is lost."""
+
+
+class Link:
+    """Frames go to `consumer`; the first failure ends the link and is raised by every wait."""
+
+    def __init__(self, transport: Transport, hook: FrameHook | None) -> None:
+        self._transport = transport
+        self._hook = hook
+        self._changed = asyncio.Event()
+        self._error: RmpError | None = None
+        self._awaited: deque[int] = deque(maxlen=256)
+        self.consumer: Callable[[int, Frame], None] = _ignore
+        self.last_sent_ns = 0
+        self.lost = 0
+        self.dropped = 0
+
+    async def open(self) -> None:
+        """Raises RmpInterfaceError."""
+        await self._transport.open(self._receive, lambda reason: self.fail(RmpLinkError(reason)))
+
+    async def close(self) -> None:
+        self.consumer = _ignore
+        await self._transport.close()
+
+    @property
+    def damaged(self) -> int:
+        return self._transport.damaged
+
+    def send(self, frame: Frame) -> None:
+        """Put a frame on the wire; every frame the base accepts asks for one feedback packet.
+
+        Raises RmpSendDropped (counted), RmpLinkError (the link has ended).
+        """
+        if self._error is not None:
+            raise self._error
+        try:
+            self._transport.send(frame)
+        except RmpSendDropped:
+            self.dropped += 1
+            raise
+        except RmpLinkError as error:
+            self.fail(error)
+            raise
+        self.last_sent_ns = time.monotonic_ns()
+        self._awaited.append(self.last_sent_ns)
+        if self._hook:
+            self._hook(self.last_sent_ns, "tx", frame.can_id, frame.data)
+
+    def try_send(self, frame: Frame) -> bool:
+        """Send where possible; a dropped or impossible frame is counted, not raised."""
+        try:
+            self.send(frame)
+        except (RmpSendDropped, RmpLinkError):
+            return False
+        return True
+
+    def farewell(self, frame: Frame) -> None:
+        """A last frame on a link that has already ended, if the bus still takes it."""
+        try:
+            self._transport.send(frame)
+        except (RmpSendDropped, RmpLinkError):
+            return
+        if self._hook:
+            self._hook(time.monotonic_ns(), "tx", frame.can_id, frame.data)
+
+    def answered(self) -> None:
+        """A packet arrived whole: the oldest request has its answer."""
+        if self._awaited:
+            self._awaited.popleft()
+        self.wake()
+
+    def count_lost(self, now_ns: int) -> None:
+        """Requests that will not be answered any more are lost."""
+        while self._awaited and now_ns - self._awaited[0] > REPLY_S * 1e9:
+            self._awaited.popleft()
+            self.lost += 1
+
+    def forget_requests(self) -> None:
+        self._awaited.clear()
+
+    def wake(self) -> None:
+        """Let every wait look at its condition again."""
+        self._changed.set()
+
+    def fail(self, error: RmpError) -> None:
+        """End the link; the first reason counts."""
+        if self._error is None:
+            self._error = error
+        self.wake()
+
+    async def wait(self, condition: Callable[[], bool], timeout_s: float) -> bool:
+        """Until the condition holds (True) or time is up (False). Raises what ended the link."""
+        deadline = time.monotonic() + timeout_s
+        while True:
+            if self._error is not None:
+                raise self._error
+            if condition():
+                return True
+            remaining = deadline - time.monotonic()
+            if remaining <= 0:
+                return False
+            self._changed.clear()
+            try:
+                async with asyncio.timeout(remaining):
+                    await self._changed.wait()
+            except TimeoutError:
+                continue
+
+    async def pause(self, duration_s: float) -> None:
+        """Wait, unless the link ends: then raise why."""
+        await self.wait(lambda: False, duration_s)
+
+    def _receive(self, stamp_ns: int, frame: Frame) -> None:
+        if self._hook:
+            self._hook(stamp_ns, "rx", frame.can_id, frame.data)
+        if frame.can_id in COMMAND_IDS:
+            self.fail(
+                RmpForeignCommands(
+                    f"another program or panel commands this base (id 0x{frame.can_id:X} on the bus): "
+                    "stop it, then motion can be enabled again"
+                )
+            )
+            return
+        self.consumer(stamp_ns, frame)
+
+
+def _ignore(_stamp_ns: int, _frame: Frame) -> None:
+    return None

@@ -1,0 +1,141 @@
+"""Who may drive, and when: modes, motion, and what takes the permission away again."""
+
+from __future__ import annotations
+
+import time
+
+from drivers.rmp110.codec.commands import ZERO_MOTION, motion, request_mode
+from drivers.rmp110.codec.motion import Normalised, normalise
+from drivers.rmp110.codec.parameters import ModeRequest, OperationalState
+from drivers.rmp110.device.link import Link
+from drivers.rmp110.device.state import Identity, State
+from drivers.rmp110.errors import (
+    RmpBadCommand,
+    RmpFaulted,
+    RmpLimitsDiffer,
+    RmpNotIdentified,
+    RmpRefused,
+    RmpTimeout,
+    RmpWrongMode,
+)
+
+SILENCE_S = 0.3
+"""Feedback missing for so long ends the link (fact sheet 13.5); the base stops by itself at 0.5 s."""
+COMMAND_FRESH_S = 0.3
+"""A motion command not renewed for so long is replaced by zero (fact sheet 13.5)."""
+MODE_TIMEOUT_S = 1.0
+"""A mode change takes 40 to 50 ms; after a second it was refused."""
+MODE_RETRY_S = 0.2
+"""A lost mode request is repeated; asking twice does no harm."""
+SLOW_MPS, SLOW_RPS = 0.02, 0.05
+"""Below this the base may go to STANDBY (fact sheet section 5)."""
+STOP_MARGIN_S = 1.0
+"""On top of speed over deceleration: latency, first-order approach, a few lost frames."""
+ZERO_PERIOD_S = 0.02
+"""Zero motion is sent with 50 Hz while the base is brought to a stop."""
+
+
+class Pilot:
+    """Drives an identified base over one link. Not armed until TRACTOR was asked for and reached."""
+
+    def __init__(self, link: Link, identity: Identity) -> None:
+        self._link = link
+        self._identity = identity
+        self._state: State | None = None
+        self._seen_ns = 0
+        self._moving = False
+        self._disarmed_because = "nobody asked for it since the link was made"
+        self.armed = False
+        self.last_motion_ns = 0
+
+    def watch(self, state: State, arrived_ns: int) -> None:
+        """A new state: anything unusual takes the permission to drive away, and says zero once."""
+        self._state, self._seen_ns = state, arrived_ns
+        if self.armed and (state.trouble or state.mode is not OperationalState.TRACTOR):
+            self._disarm(state.trouble or f"the base left it and is in {state.mode.name}")
+            self._link.try_send(ZERO_MOTION)
+
+    def keep_fresh(self, now_ns: int) -> None:
+        """Replace a command that nobody renews by zero, before the base's own timeout does."""
+        if self._moving and now_ns - self.last_motion_ns > COMMAND_FRESH_S * 1e9:
+            self._moving = False
+            self._link.try_send(ZERO_MOTION)
+
+    def refusal(self) -> RmpRefused | None:
+        """Why motion would be refused now; None where the base may be driven."""
+        state = self._state
+        age_s = (time.monotonic_ns() - self._seen_ns) / 1e9
+        if state is None or age_s > SILENCE_S:
+            return RmpNotIdentified("no feedback from the base: nothing may move until it is identified again")
+        if self._identity.refusal:
+            return RmpLimitsDiffer(self._identity.refusal)
+        if state.trouble:
+            return RmpFaulted(f"{state.trouble}; look after the base, then switch it off and on")
+        if not self.armed:
+            return RmpWrongMode(f"the base was not put into tractor mode: {self._disarmed_because}")
+        return None
+
+    def send_motion(self, v: float, w: float) -> Normalised:
+        """See `Rmp110.send_motion`."""
+        refusal = self.refusal()
+        if refusal:
+            raise refusal
+        try:
+            command = normalise(v, w, self._identity.scale)
+        except RmpBadCommand:
+            self._link.dropped += 1
+            raise
+        self._link.send(motion(command.velocity, command.yaw_rate))
+        self._moving = command.velocity != 0 or command.yaw_rate != 0
+        self.last_motion_ns = time.monotonic_ns()
+        return command
+
+    async def enter_tractor(self) -> None:
+        """TRACTOR, and the permission to drive. Raises RmpRefused (and its kinds), RmpTimeout, RmpLinkError."""
+        refusal = self.refusal()
+        if refusal and not isinstance(refusal, RmpWrongMode):
+            raise refusal
+        if self._mode not in (OperationalState.STANDBY, OperationalState.TRACTOR):
+            raise RmpWrongMode(f"the base is in {self._mode.name}: wait until it is in STANDBY")
+        await self._reach(ModeRequest.TRACTOR, OperationalState.TRACTOR)
+        self.armed = True
+
+    async def enter_standby(self) -> None:
+        """Zero motion until slow, then STANDBY. Raises RmpTimeout, RmpLinkError."""
+        self._disarm("STANDBY was requested")
+        stored, state = self._identity.stored, self._state
+        longest_s = STOP_MARGIN_S
+        if state:
+            longest_s += abs(state.v) / max(stored["max_decel"], 0.1)
+            longest_s += abs(state.w) / max(stored["max_yaw_accel"], 0.1)
+        deadline = time.monotonic() + longest_s
+        while not self._slow:
+            if time.monotonic() > deadline:
+                raise RmpTimeout("the base does not come to a stop: press its kill switch")
+            self._link.try_send(ZERO_MOTION)
+            await self._link.pause(ZERO_PERIOD_S)
+        await self._reach(ModeRequest.STANDBY, OperationalState.STANDBY)
+
+    async def _reach(self, request: ModeRequest, wanted: OperationalState) -> None:
+        deadline = time.monotonic() + MODE_TIMEOUT_S
+        while time.monotonic() < deadline:
+            self._link.try_send(request_mode(request))
+            if await self._link.wait(lambda: self._mode is wanted, MODE_RETRY_S):
+                return
+        raise RmpTimeout(
+            f"the base did not go to {request.name} within {MODE_TIMEOUT_S:g} s (it is in {self._mode.name}): "
+            "look for a fault light, a pressed switch or a plugged charger"
+        )
+
+    @property
+    def _mode(self) -> OperationalState:
+        return self._state.mode if self._state else OperationalState.UNKNOWN
+
+    @property
+    def _slow(self) -> bool:
+        state = self._state
+        return state is not None and abs(state.v) < SLOW_MPS and abs(state.w) < SLOW_RPS
+
+    def _disarm(self, because: str) -> None:
+        self.armed = self._moving = False
+        self._disarmed_because = because
