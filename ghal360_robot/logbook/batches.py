@@ -58,9 +58,16 @@ class Batches:
         self._last[table] = _carried(row, last)
         self._rows.setdefault(table, []).append(row)
 
-    def forget(self) -> None:
-        """A new file begins: the next row of every table is written in full."""
+    def begin_anew(self) -> int:
+        """A new file begins: what waits may lean on rows that the old one lost, so it goes; how many rows.
+
+        The next row of every table is written in full.
+        """
+        waiting = sum(map(len, self._rows.values()))
+        for rows in self._rows.values():
+            rows.clear()
         self._last.clear()
+        return waiting
 
     def flush(self, *, slow: bool = True) -> Iterator[Table]:
         """Send table by table, the slow ones if `slow`; yields after each, to let other threads run.

@@ -126,8 +126,12 @@ class Writer:
             self.failed = str(error)
             return
         self.reopened += 1
-        self.batches.forget()
-        self._say("ERROR", f"{self.failed} It goes on in {self._part.path.name}.")
+        lost = self.batches.begin_anew()
+        self._say(
+            "ERROR",
+            f"{self.failed} What came in the second before that is lost, and {lost} rows more; "
+            f"this is {self._part.path.name}.",
+        )
         self.failed = None
 
     def _report(self) -> None:

@@ -1,0 +1,269 @@
+"""A recording, read back as what was recorded: in time order, exactly, as far as the files go."""
+
+from __future__ import annotations
+
+import heapq
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ghal360_robot.messages import (
+    BaseMode,
+    BaseState,
+    Detection,
+    Detections,
+    HeadPose,
+    LidarScan,
+    LinkStats,
+    OperatorInput,
+    Pose2,
+    Twist,
+)
+
+from . import scan_values
+from .clock import Anchor
+from .errors import RecordingNotReadableError
+from .records import AccessUnit, CanFrame, Link, Map, Telegram, Text, Truth
+from .rrd import PartReader, chunk_rows, ordered_rows
+from .tick_rows import read_ticks
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from types import TracebackType
+    from typing import Self
+
+    from .records import Tick
+    from .rrd import StoredRow
+
+RUN_PROPERTY = "__properties/run"
+ROBOT_PROPERTY = "__properties/robot"
+
+
+class RunReader:
+    """A run's folder, or a single .rrd file. Iterators are lazy: a long run never lies in memory.
+
+    Raises:
+        RecordingNotReadableError: there is nothing here that can be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.parts: list[PartReader] = []
+        self._unreadable: list[str] = []
+        for file in _files(path):
+            try:
+                self.parts.append(PartReader(file))
+            except RecordingNotReadableError as error:
+                self._unreadable.append(str(error))
+        if not self.parts:
+            raise RecordingNotReadableError(" ".join(self._unreadable))
+        self.properties: dict[str, str] = {}
+        self.run_id = ""
+        self.config_toml = ""
+        self.anchor = self._read_properties()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        for part in self.parts:
+            part.close()
+
+    @property
+    def damage(self) -> list[str]:
+        """What is wrong with the files, in sentences. Damage inside a file shows once it has been read."""
+        return self._unreadable + [sentence for part in self.parts for sentence in part.damage]
+
+    @property
+    def meta(self) -> dict[str, Any]:
+        """The run's `meta.json`; empty for a single file or where it is missing or damaged."""
+        try:
+            found = json.loads((self.path / "meta.json").read_text())
+        except (OSError, ValueError):
+            return {}
+        return found if isinstance(found, dict) else {}
+
+    def entities(self) -> list[str]:
+        """Entities with temporal rows."""
+        found = {chunk.entity_path.lstrip("/") for p in self.parts for chunk in p.chunks() if not chunk.is_static}
+        return sorted(found)
+
+    def rows(self, entity: str) -> Iterator[StoredRow]:
+        """The raw rows of any entity, in time order."""
+        return ordered_rows(self.parts, entity)
+
+    def access_units(self) -> Iterator[AccessUnit]:
+        for row in self.rows("theta/video"):
+            values = row.values
+            yield AccessUnit(
+                self._stamp(row),
+                values["VideoStream:sample"][0],
+                bool(values.get("VideoStream:is_keyframe", [False])[0]),
+                int(values["AccessUnit:sequence"][0]),
+                bool(values["AccessUnit:tainted"][0]),
+                int(values["AccessUnit:latency_ns"][0]),
+            )
+
+    def detections(self) -> Iterator[Detections]:
+        for row in self.rows("theta/objects"):
+            names = row.values["Detections:names"]
+            numbers = row.values["Detections:values"].reshape(-1, 5).tolist()
+            objects = tuple(Detection(name, *five) for name, five in zip(names, numbers, strict=True))
+            picture = int(row.values["Detections:picture"][0])
+            yield Detections(self._stamp(row), picture, row.values["Detections:detector"][0], objects)
+
+    def telegrams(self) -> Iterator[Telegram]:
+        for row in self.rows("lidar/raw"):
+            yield Telegram(self._stamp(row), row.values["Telegram:bytes"].tobytes())
+
+    def scans(self) -> Iterator[LidarScan]:
+        yaw = np.empty(0, np.float32)
+        for row in self.rows("lidar/scan"):
+            values = row.values
+            yaw = values.get("LidarScan:yaw", yaw)
+            whole = values.get("LidarScan:ranges_mm")
+            ranges = values["LidarScan:ranges_m"] if whole is None else scan_values.metres(whole)
+            rssi = next(
+                (
+                    values[name]
+                    for name in ("LidarScan:rssi_u8", "LidarScan:rssi_u16", "LidarScan:rssi")
+                    if name in values
+                ),
+                None,
+            )
+            scan_counter, telegram_counter, device_time_us = values["LidarScan:counters"].tolist()
+            yield LidarScan(
+                self._stamp(row),
+                ranges,
+                yaw,
+                scan_counter,
+                telegram_counter,
+                device_time_us,
+                bool(values["LidarScan:device_ok"][0]),
+                None if rssi is None else rssi.astype(np.float32),
+            )
+
+    def can_frames(self) -> Iterator[CanFrame]:
+        """Both directions, merged by time."""
+        return heapq.merge(self._can("rx"), self._can("tx"), key=lambda frame: frame.stamp_ns)
+
+    def base_states(self) -> Iterator[BaseState]:
+        mode, faults = BaseMode.UNKNOWN, ()
+        for row in self.rows("base/state"):
+            values = row.values
+            if "BaseState:mode" in values:
+                mode = BaseMode(values["BaseState:mode"][0])
+            if "BaseState:faults" in values:
+                faults = tuple(values["BaseState:faults"])
+            v, w, battery = values["Scalars:scalars"].tolist()
+            pose = Pose2(*values["BaseState:pose"].tolist())
+            yield BaseState(self._stamp(row), mode, pose, Twist(v, w), battery, faults)
+
+    def operator_inputs(self) -> Iterator[OperatorInput]:
+        for row in self.rows("operator/command"):
+            values = row.values
+            stick = values["OperatorInput:stick"].tolist()
+            yield OperatorInput(
+                self._stamp(row),
+                HeadPose(*values["OperatorInput:head"].tolist()),
+                bool(values["OperatorInput:deadman"][0]),
+                Twist(*stick) if stick else None,
+                *values["OperatorInput:presses"].tolist(),
+            )
+
+    def links(self) -> Iterator[Link]:
+        """Every device's link, merged by time; the counts are as of that moment."""
+        devices = [e.removeprefix("state/") for e in self.entities() if e.startswith("state/")]
+        return heapq.merge(
+            *(self._link(device) for device in devices if device not in ("arm", "base")),
+            key=lambda link: link.stamp_ns,
+        )
+
+    def texts(self) -> Iterator[Text]:
+        """Everything under `log/`, merged by time."""
+        sources = [e for e in self.entities() if e.startswith("log/")]
+        return heapq.merge(*map(self._texts, sources), key=lambda text: text.stamp_ns)
+
+    def truths(self) -> Iterator[Truth]:
+        for row in self.rows("sim/truth"):
+            yield Truth(self._stamp(row), Pose2(*row.values["Truth:pose"].tolist()))
+
+    def maps(self) -> Iterator[Map]:
+        for row in self.rows("world/map"):
+            values = row.values
+            shape = values["GridMap:format"][0]
+            cells = np.frombuffer(values["GridMap:data"][0], np.uint8).reshape(shape["height"], shape["width"])
+            yield Map(
+                self._stamp(row),
+                cells,
+                float(values["Map:resolution_m"][0]),
+                Pose2(*values["Map:origin"].tolist()),
+            )
+
+    def ticks(self) -> Iterator[Tick]:
+        """Every whole tick. A torn end never shows a tick with another tick's decision."""
+        return read_ticks(self.rows, self.anchor)
+
+    def _can(self, direction: str) -> Iterator[CanFrame]:
+        for row in self.rows(f"can/{direction}"):
+            can_id = int(row.values["CanFrame:id"][0])
+            yield CanFrame(self._stamp(row), direction, can_id, row.values["CanFrame:data"].tobytes())
+
+    def _texts(self, entity: str) -> Iterator[Text]:
+        for row in self.rows(entity):
+            level, text = row.values["TextLog:level"][0], row.values["TextLog:text"][0]
+            yield Text(self._stamp(row), entity.removeprefix("log/"), level, text)
+
+    def _link(self, device: str) -> Iterator[Link]:
+        for row in self.rows(f"state/{device}"):
+            values = row.values
+            last = values["LinkStats:last_ns"].tolist()
+            received, lost, damaged, reconnects = values["LinkStats:counts"].tolist()
+            stats = LinkStats(
+                values["LinkStats:link"][0],
+                values["LinkStats:detail"][0],
+                received,
+                lost,
+                damaged,
+                reconnects,
+                float(values["LinkStats:rate_hz"][0]),
+                last[0] if last else None,
+            )
+            yield Link(self._stamp(row), device, stats)
+
+    def _stamp(self, row: StoredRow) -> int:
+        return self.anchor.to_monotonic(row.t_ns)
+
+    def _read_properties(self) -> Anchor:
+        anchor = Anchor(0, 0)
+        for part in self.parts:
+            for chunk in part.chunks(RUN_PROPERTY):
+                for row in chunk_rows(chunk):
+                    self.run_id = row.values["Run:run_id"][0]
+                    self.config_toml = row.values["Run:config_toml"][0]
+                    anchor = Anchor(int(row.values["Run:monotonic_ns"][0]), int(row.values["Run:wall_ns"][0]))
+            for chunk in part.chunks(ROBOT_PROPERTY):
+                for row in chunk_rows(chunk):
+                    for name, value in row.values.items():
+                        self.properties[name.removeprefix("Robot:")] = value[0]
+        if anchor == Anchor(0, 0):
+            self._unreadable.append(f"{self.path} does not say how its robot's clock ran: stamps are wall-clock time.")
+        return anchor
+
+
+def _files(path: Path) -> list[Path]:
+    if path.is_file():
+        return [path]
+    if not path.is_dir():
+        raise RecordingNotReadableError(f"There is no recording at {path}.")
+    files = sorted(path.glob("part-*.rrd"))
+    if not files:
+        raise RecordingNotReadableError(f"{path} holds no recording: there is no part-*.rrd in it.")
+    return files

@@ -1,0 +1,106 @@
+"""Ticks put together again: their rows lie in ten entities, most of which are written on change only."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from ghal360_robot.messages import Applied, ArmState, Cue, Decision, Freshness, Twist
+
+from .records import Tick
+from .rows import NO_INTENTION, NO_STAMP
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from .clock import Anchor
+    from .rrd import StoredRow
+
+CARRIED = (
+    "scene/wedges",
+    "guidance/cue",
+    "guidance/q",
+    "intent/belief",
+    "intent/intention",
+    "cmd/wanted",
+    "cmd/applied",
+    "loop/timing",
+)
+
+
+class Carry:
+    """One entity's values as of a tick: the newest row that is not later."""
+
+    def __init__(self, rows: Iterator[StoredRow]) -> None:
+        self._rows = rows
+        self._next = next(rows, None)
+        self.values: dict[str, Any] = {}
+
+    def at(self, tick: int) -> dict[str, Any]:
+        while self._next is not None and self._next.tick is not None and self._next.tick <= tick:
+            self.values = {**self.values, **self._next.values}
+            self._next = next(self._rows, None)
+        return self.values
+
+
+def read_ticks(rows: Callable[[str], Iterator[StoredRow]], anchor: Anchor) -> Iterator[Tick]:
+    """Join by tick number; `loop/inputs` has one row for every tick and was written last.
+
+    Ticks before the first whole one (their part's beginning was lost) are left out.
+    """
+    carries = {entity: Carry(rows(entity)) for entity in CARRIED}
+    devices: list[str] = []
+    for row in rows("loop/inputs"):
+        if row.tick is None:
+            continue
+        devices = row.values.get("Inputs:devices", devices)
+        now = {entity: carry.at(row.tick) for entity, carry in carries.items()}
+        if all(now.values()):
+            yield _tick(row, anchor.to_monotonic(row.t_ns), devices, now)
+
+
+def _tick(row: StoredRow, stamp_ns: int, devices: list[str], now: dict[str, dict[str, Any]]) -> Tick:
+    base, scan, detections, operator = (
+        None if stamp == NO_STAMP else stamp for stamp in row.values["Inputs:stamps"].tolist()
+    )
+    health = zip(devices, row.values["Inputs:health"].tolist(), row.values["Inputs:age_s"].tolist(), strict=True)
+    lateness_ms, work_ms = now["loop/timing"]["Scalars:scalars"].tolist()
+    return Tick(
+        stamp_ns,
+        row.tick if row.tick is not None else 0,
+        base,
+        scan,
+        detections,
+        operator,
+        {name: Freshness(bool(bits & 1), bool(bits & 2), bool(bits & 4), age) for name, bits, age in health},
+        _decision(now),
+        _applied(now["cmd/applied"]),
+        lateness_ms,
+        work_ms,
+    )
+
+
+def _decision(now: dict[str, dict[str, Any]]) -> Decision:
+    target = now["guidance/cue"]["Cue:target_yaw"].tolist()
+    q = now["guidance/q"]["Scalars:scalars"].tolist()
+    intention = int(now["intent/intention"]["Intention:wedge"][0])
+    wanted = now["cmd/wanted"]
+    return Decision(
+        cue=Cue(now["guidance/cue"]["StateChange:state"][0]),
+        target_yaw=target[0] if target else None,
+        wedges=tuple(int(value) for value in now["scene/wedges"]["Scalars:scalars"]),
+        q=(q[0], q[1], q[2]) if q else None,
+        belief=tuple(now["intent/belief"]["Scalars:scalars"].tolist()),
+        intention=None if intention == NO_INTENTION else intention,
+        wanted=Twist(*wanted["Scalars:scalars"].tolist()),
+        reasons=tuple(wanted["Command:reasons"]),
+    )
+
+
+def _applied(values: dict[str, Any]) -> Applied:
+    clearance = values["Command:clearance_m"].tolist()
+    return Applied(
+        Twist(*values["Scalars:scalars"].tolist()),
+        ArmState(values["Command:arm"][0]),
+        tuple(values["Command:reasons"]),
+        clearance[0] if clearance else None,
+    )
