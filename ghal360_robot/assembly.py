@@ -1,0 +1,89 @@
+"""From the configuration to the pure parts: one place that says which setting goes where."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from calibration.mounting import CameraMount, LidarMount
+from ghal360_robot.brain import Brain
+from ghal360_robot.guidance.policy import make_policy
+from ghal360_robot.intent.controller import DriveSettings
+from ghal360_robot.intent.exact import ExactFilter
+from ghal360_robot.intent.steering import SteeringSettings
+from ghal360_robot.intent.trigger import TriggerSettings
+from ghal360_robot.perception.wedges import SceneSettings
+from ghal360_robot.safety.chain import Safety
+from ghal360_robot.safety.limits import SafetyLimits
+
+if TYPE_CHECKING:
+    from ghal360_robot.config import RobotConfig
+
+COMFORT_M = 0.12
+"""Kept beside the footprint where there is room."""
+
+TIGHT_M = 0.01
+"""In a door, steering keeps this much more than the stop zone, or the two would argue there."""
+
+STEADY_S = 0.2
+RELEASE = 0.5
+"""Three samples above the threshold to begin, half the probability to end: fewest false triggers measured."""
+
+
+def lidar_mount(config: RobotConfig) -> LidarMount:
+    m = config.mounting
+    return LidarMount(m.lidar_x_m, m.lidar_y_m, m.lidar_z_m, math.radians(m.lidar_yaw_deg), m.lidar_upside_down)
+
+
+def camera_mount(config: RobotConfig) -> CameraMount:
+    m = config.mounting
+    return CameraMount(m.camera_x_m, m.camera_y_m, m.camera_z_m, math.radians(m.camera_yaw_deg))
+
+
+def safety_limits(config: RobotConfig) -> SafetyLimits:
+    s = config.safety
+    return SafetyLimits(
+        v_max=s.v_max,
+        w_max=s.w_max,
+        accel=s.accel,
+        decel=s.decel,
+        w_accel=s.w_accel,
+        reverse_max=s.reverse_max,
+        footprint_radius_m=s.footprint_radius_m,
+        margin_m=s.margin_m,
+        standoff_m=s.standoff_m,
+        reaction_s=s.reaction_s,
+        hold_s=(
+            ("operator", s.operator_hold_s),
+            ("tim571", s.lidar_hold_s),
+            ("rmp110", s.base_hold_s),
+            ("theta", s.video_hold_s),
+        ),
+        lost_s=(
+            ("operator", s.operator_lost_s),
+            ("tim571", s.lidar_lost_s),
+            ("rmp110", s.base_lost_s),
+            ("theta", s.video_lost_s),
+        ),
+    )
+
+
+def make_safety(config: RobotConfig) -> Safety:
+    return Safety(safety_limits(config), lidar_mount(config))
+
+
+def make_brain(config: RobotConfig) -> Brain:
+    safety = config.safety
+    tight = safety.margin_m + TIGHT_M
+    steering = SteeringSettings(radius_m=safety.footprint_radius_m, margins_m=(max(COMFORT_M, tight), tight))
+    threshold = config.intent.threshold
+    trigger = TriggerSettings(threshold, RELEASE if threshold >= RELEASE else None, STEADY_S)
+    return Brain(
+        target=config.perception.target,
+        policy=make_policy(config.guidance.policy),
+        scene=SceneSettings(min_score=config.perception.min_score),
+        intent=ExactFilter(trigger=trigger),
+        drive=DriveSettings(v_max=safety.v_max, w_max=safety.w_max, steering=steering),
+        lidar=lidar_mount(config),
+        drive_while_guiding=config.intent.drive_while_guiding,
+    )

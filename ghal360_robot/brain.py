@@ -1,0 +1,133 @@
+"""The pure step of the robot's mind: scene, cue, intention, and the velocity wanted, from one tick's inputs.
+
+No clock, no input or output, no randomness of its own: the same inputs give the same decisions, live,
+simulated or replayed. World directions are those of the odometry frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+from calibration.mounting import LidarMount, scan_points, wrap
+from ghal360_robot.guidance.cueing import CueSettings, CueState, step_cue
+from ghal360_robot.guidance.egocentric import EMPTY, N_WEDGES
+from ghal360_robot.guidance.policy import Policy, make_policy
+from ghal360_robot.intent.controller import DriveSettings, DriveState, step_drive
+from ghal360_robot.intent.exact import ExactFilter, IntentState
+from ghal360_robot.intent.head_motion import HeadSettings, HeadState, step_head
+from ghal360_robot.messages import STILL, Cue, Decision, Twist
+from ghal360_robot.perception.wedges import Scene, SceneSettings, SceneState, scene, step_scene
+from ghal360_robot.trail import Trail
+
+if TYPE_CHECKING:
+    from ghal360_robot.messages import Inputs
+
+NO_SCENE = Scene(allocentric=(EMPTY,) * N_WEDGES, target_yaw=None, target_score=0.0)
+MAX_SILENCE_S = 1.5
+"""An operator who was silent for longer may have looked anywhere: the belief starts afresh."""
+
+
+@dataclass(frozen=True, slots=True)
+class BrainState:
+    """Everything the brain remembers from tick to tick."""
+
+    trail: Trail = Trail()
+    scene: SceneState = SceneState()
+    head: HeadState = HeadState()
+    intent: IntentState = IntentState()
+    cue: CueState = CueState()
+    drive: DriveState = DriveState()
+
+
+@dataclass(frozen=True, slots=True)
+class Brain:
+    """The parts of the mind with their settings; `step` is pure."""
+
+    target: str = ""
+    """Class name of the object searched for; empty: no search, no cues."""
+    policy: Policy = field(default_factory=make_policy)
+    scene: SceneSettings = SceneSettings()
+    cueing: CueSettings = CueSettings()
+    head: HeadSettings = HeadSettings()
+    intent: ExactFilter = ExactFilter()
+    drive: DriveSettings = DriveSettings()
+    lidar: LidarMount = LidarMount()
+    drive_while_guiding: bool = False
+
+    def step(self, state: BrainState, inputs: Inputs) -> tuple[BrainState, Decision]:
+        """One tick."""
+        state = replace(state, trail=state.trail.extended(inputs.base))
+        state, seen = self._look(state, inputs)
+        state = self._follow_head(state, inputs)
+        gaze = self._gaze(state, inputs)
+        cue = step_cue(self.policy, self.cueing, state.cue, seen.allocentric, gaze, inputs.stamp_ns)
+        state = replace(state, cue=cue)
+        state, wanted, reasons = self._want(state, inputs, gaze, cue.cue)
+        return state, Decision(
+            cue=cue.cue,
+            target_yaw=seen.target_yaw,
+            wedges=cue.wedges,
+            q=cue.q,
+            belief=state.intent.belief,
+            intention=self.intent.intention(state.intent),
+            wanted=wanted,
+            reasons=reasons,
+        )
+
+    def _look(self, state: BrainState, inputs: Inputs) -> tuple[BrainState, Scene]:
+        """What is around, remembered in the world's directions."""
+        found = inputs.detections
+        yaw_then = 0.0 if found is None else state.trail.at(found.stamp_ns).yaw
+        remembered = step_scene(self.scene, state.scene, found, yaw_then, inputs.stamp_ns)
+        state = replace(state, scene=remembered)
+        if not self.target:
+            return state, NO_SCENE
+        return state, scene(remembered, self.target, state.trail.at(inputs.stamp_ns).yaw)
+
+    def _follow_head(self, state: BrainState, inputs: Inputs) -> BrainState:
+        """Head motion to belief; only an armed robot has anything to infer an intention for."""
+        operator = inputs.operator
+        if operator is None:
+            return state
+        before = state.head.stamp_ns
+        yaw = operator.head.yaw + state.trail.at(operator.stamp_ns).yaw
+        head = step_head(self.head, state.head, yaw, operator.stamp_ns)
+        if not inputs.armed:
+            return replace(state, head=head, intent=IntentState())
+        silence_s = (inputs.stamp_ns - operator.stamp_ns) / 1e9
+        if silence_s > MAX_SILENCE_S:
+            return replace(state, head=head, intent=IntentState())
+        if head.stamp_ns == before or before is None or head.stamp_ns is None:
+            return replace(state, head=head)
+        dt_s = min((head.stamp_ns - before) / 1e9, MAX_SILENCE_S)
+        return replace(state, head=head, intent=self.intent.step(state.intent, head.evidence, dt_s))
+
+    @staticmethod
+    def _gaze(state: BrainState, inputs: Inputs) -> float:
+        """Where the operator looks, as a world yaw; straight ahead of the base without an operator."""
+        operator = inputs.operator
+        if operator is None:
+            return state.trail.at(inputs.stamp_ns).yaw
+        return wrap(operator.head.yaw + state.trail.at(operator.stamp_ns).yaw)
+
+    def _want(
+        self, state: BrainState, inputs: Inputs, gaze: float, cue: Cue
+    ) -> tuple[BrainState, Twist, tuple[str, ...]]:
+        operator = inputs.operator
+        if operator is not None and operator.stick is not None:
+            return replace(state, drive=DriveState()), operator.stick, ("stick",)
+        if not inputs.armed or inputs.base is None:
+            return replace(state, drive=DriveState()), STILL, ("not armed",)
+        scan = inputs.scan
+        drive = step_drive(
+            self.drive,
+            state.drive,
+            intention=self.intent.intention(state.intent),
+            gaze=gaze,
+            pose=state.trail.at(inputs.stamp_ns),
+            measured=inputs.base.twist,
+            cue_shown=cue is not Cue.NONE and not self.drive_while_guiding,
+            points=None if scan is None else scan_points(scan.ranges, scan.yaw, self.lidar),
+        )
+        return replace(state, drive=drive), drive.twist, drive.reasons

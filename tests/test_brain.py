@@ -1,0 +1,111 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from ghal360_robot.assembly import make_brain
+from ghal360_robot.brain import Brain, BrainState
+from ghal360_robot.config import RobotConfig, with_overrides
+from ghal360_robot.messages import (
+    STILL,
+    BaseMode,
+    BaseState,
+    Cue,
+    Decision,
+    Detection,
+    Detections,
+    HeadPose,
+    Inputs,
+    OperatorInput,
+    Pose2,
+    Twist,
+)
+from tests.safety.conftest import TICK_NS, inputs
+
+
+@pytest.fixture(scope="module")
+def brain() -> Brain:
+    return make_brain(with_overrides(RobotConfig(), {"perception": {"target": "bottle"}}))
+
+
+def tick(n: int, *, head_yaw: float = 0.0, base_yaw: float = 0.0, target_yaw: float | None = None) -> Inputs:
+    """Tick `n` with the head and the target at yaws relative to the base."""
+    stamp = n * TICK_NS
+    found = None
+    if target_yaw is not None:
+        found = Detections(stamp, n, "test", (Detection("bottle", 0.9, target_yaw, 0.0, 0.1, 0.1),))
+    return replace(
+        inputs(n),
+        base=BaseState(stamp, BaseMode.DRIVE, Pose2(0.0, 0.0, base_yaw), Twist(), 90.0),
+        operator=OperatorInput(stamp, HeadPose(yaw=head_yaw), deadman=True, arm_presses=1),
+        detections=found,
+        armed=True,
+    )
+
+
+def think(brain: Brain, ticks: list[Inputs]) -> list[Decision]:
+    state, out = BrainState(), []
+    for inputs_now in ticks:
+        state, decision = brain.step(state, inputs_now)
+        out.append(decision)
+    return out
+
+
+def test_a_head_held_still_becomes_an_intention_and_the_robot_drives_there(brain: Brain) -> None:
+    out = think(brain, [tick(n, head_yaw=0.5) for n in range(250)])
+    assert out[0].wanted == STILL
+    assert out[-1].intention == 7  # half a radian to the left is wedge 7, north-west
+    assert out[-1].wanted.w > 0
+    assert sum(out[-1].belief) == pytest.approx(1.0)
+
+
+def test_an_unarmed_robot_infers_nothing(brain: Brain) -> None:
+    out = think(brain, [replace(tick(n), armed=False) for n in range(250)])
+    assert out[-1].intention is None
+    assert all(d.wanted == STILL for d in out)
+
+
+@pytest.mark.parametrize(
+    ("target_yaw", "cue"), [(math.pi / 2, Cue.LEFT), (-math.pi / 2, Cue.RIGHT), (0.1, Cue.CONFIRM), (None, Cue.NONE)]
+)
+def test_the_cue_points_the_short_way_to_the_target(brain: Brain, target_yaw: float | None, cue: Cue) -> None:
+    out = think(brain, [tick(n, target_yaw=target_yaw) for n in range(20)])
+    assert out[-1].cue is cue
+
+
+def test_the_robot_holds_while_a_cue_is_shown(brain: Brain) -> None:
+    out = think(brain, [tick(n, target_yaw=2.0) for n in range(250)])
+    assert all(d.wanted == STILL for d in out)
+    assert "cue shown" in out[-1].reasons
+
+
+def test_turning_the_base_under_a_still_head_is_no_head_motion(brain: Brain) -> None:
+    turning = [tick(n, head_yaw=-0.01 * n, base_yaw=0.01 * n) for n in range(250)]
+    out = think(brain, turning)
+    assert out[-1].intention == 0
+
+
+def test_a_target_seen_before_the_base_turned_is_where_it_was(brain: Brain) -> None:
+    ticks = [tick(n, base_yaw=0.02 * n) for n in range(60)]
+    seen = Detections(20 * TICK_NS, 1, "test", (Detection("bottle", 0.9, 0.3, 0.0, 0.1, 0.1),))
+    ticks[40:] = [replace(t, detections=seen) for t in ticks[40:]]
+    out = think(brain, ticks)
+    assert out[-1].target_yaw == pytest.approx(0.3 + 0.4 - 59 * 0.02, abs=1e-6)
+
+
+def test_a_stick_overrides_the_gaze(brain: Brain) -> None:
+    stick = [replace(tick(n), operator=replace(tick(n).operator, stick=Twist(0.1, 0.2))) for n in range(5)]
+    assert think(brain, stick)[-1].wanted == Twist(0.1, 0.2)
+
+
+def test_the_same_inputs_give_the_same_decisions(brain: Brain) -> None:
+    ticks = [tick(n, head_yaw=math.sin(n / 20), target_yaw=2.0 if n % 7 == 0 else None) for n in range(200)]
+    assert think(brain, ticks) == think(brain, ticks)
+
+
+def test_without_a_target_there_is_no_cue() -> None:
+    out = think(make_brain(RobotConfig()), [tick(n, target_yaw=1.0) for n in range(20)])
+    assert {d.cue for d in out} == {Cue.NONE}
+    assert out[-1].target_yaw is None
