@@ -105,7 +105,7 @@ def _class_of_hue() -> Mask:
 
 def _empty_column(mask: Mask) -> int:
     """A column without paint where the picture can be cut open; 0 if there is none."""
-    painted: NDArray[np.bool_] = np.asarray(mask, np.bool_).any(axis=0)
+    painted = cv2.reduce(mask, 0, cv2.REDUCE_MAX)[0] > 0
     if not (painted[0] and painted[-1]):
         return 0
     empty = np.flatnonzero(~painted)
