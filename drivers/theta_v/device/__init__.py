@@ -1,0 +1,1 @@
+"""The camera as the robot uses it: connect, negotiate, stream, recover."""

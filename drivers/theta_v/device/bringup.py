@@ -1,0 +1,122 @@
+"""From any THETA on the bus to one that streams: identify it, wake it, switch it to live mode, negotiate."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from dataclasses import dataclass
+
+from drivers.theta_v.codec.descriptors import (
+    ISOCHRONOUS,
+    Pipe,
+    StillFunction,
+    VideoFunction,
+    find_still,
+    find_video,
+    parse_configuration,
+)
+from drivers.theta_v.codec.probe import Probe, negotiate
+from drivers.theta_v.codec.ptp import CaptureMode, Property
+from drivers.theta_v.device.config import Mode
+from drivers.theta_v.device.ptp_session import PtpSession
+from drivers.theta_v.errors import ThetaError, ThetaMalformed, ThetaRefused, ThetaStall, ThetaTimeout
+from drivers.theta_v.transport.base import UsbTransport
+
+WAKE_S, WAKE_PAUSE_S = 5.0, 0.1  # from sleep to awake; a V takes about two seconds
+
+STAY_AWAKE = {Property.SLEEP_DELAY_S: 0, Property.AUTO_POWER_OFF_S: 0, Property.AUDIO_VOLUME: 0}
+"""Never sleep, never switch off, do not beep: a camera on a robot is switched by its power."""
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class Functions:
+    """What the camera shows in its present mode."""
+
+    video: VideoFunction | None
+    still: StillFunction | None
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """What was negotiated: the committed block and the pipe it comes through."""
+
+    probe: Probe
+    pipe: Pipe
+
+
+def functions(transport: UsbTransport) -> Functions:
+    """Read the descriptors of an open transport. Raises ThetaMalformed."""
+    configuration = parse_configuration(transport.configuration)
+    found = Functions(find_video(configuration), find_still(configuration))
+    if found.video is None and found.still is None:
+        raise ThetaMalformed(
+            f"{transport.identity.product} has neither a video nor a PTP interface; set it to live streaming"
+            " with its mode button"
+        )
+    return found
+
+
+async def firmware(transport: UsbTransport, still: StillFunction) -> str:
+    """The camera's firmware version, or "" where PTP is not to be had (another program may hold it)."""
+    try:
+        return (await PtpSession(transport, still).device_info()).version
+    except (ThetaRefused, ThetaStall, ThetaTimeout, ThetaMalformed) as error:
+        log.info("no firmware version: %s", error)
+        return ""
+
+
+async def switch_to_live(transport: UsbTransport, still: StillFunction) -> None:
+    """Wake a camera in MTP mode and send it to live mode; it leaves the bus then. Raises ThetaError."""
+    session = PtpSession(transport, still)
+    await session.open()
+    await session.set(Property.SLEEP_MODE, 0)
+    deadline = time.monotonic() + WAKE_S
+    while await session.get(Property.SLEEP_MODE) != 0:
+        if time.monotonic() > deadline:
+            raise ThetaTimeout("the camera does not wake up; press its power button")
+        await asyncio.sleep(WAKE_PAUSE_S)
+    for code, value in STAY_AWAKE.items():
+        try:
+            await session.set(code, value)
+        except ThetaRefused as error:
+            log.info("%s", error)
+    await session.set(Property.CAPTURE_MODE, CaptureMode.LIVE)
+    try:
+        await session.close()
+    except ThetaError as error:
+        log.debug("the camera left before the session was closed: %s", error)
+
+
+async def agree(transport: UsbTransport, video: VideoFunction, mode: Mode) -> Agreement:
+    """Claim the video interface and negotiate `mode` by the descriptors. Raises ThetaError."""
+    found = next(((f, frame) for f in video.formats if (frame := f.frame(mode.width, mode.height)) is not None), None)
+    if found is None:
+        offered = ", ".join(f"{f.width}x{f.height}" for fmt in video.formats for f in fmt.frames)
+        raise ThetaRefused(f"the camera does not offer {mode.width}x{mode.height}, only {offered}; choose another mode")
+    video_format, frame = found
+    await transport.claim(video.interface)
+    # A driver that died may have left it streaming, and it refuses to negotiate then.
+    await transport.set_interface(video.interface, 0)
+    steps = negotiate(video.interface, video_format.index, frame.index, frame.default_interval_100ns)
+    answer: bytes | None = None
+    request = next(steps)
+    while True:
+        try:
+            argument = request.length or request.data
+            answer = await transport.control(
+                request.request_type, request.request, request.value, request.index, argument
+            )
+        except ThetaStall:
+            answer = None
+        try:
+            request = steps.send(answer)
+        except StopIteration as done:
+            probe: Probe = done.value
+            break
+    pipe = video.pipe(probe.max_payload_bytes)
+    if pipe.endpoint.kind != ISOCHRONOUS:
+        raise ThetaRefused("this camera sends video through a bulk endpoint, which this driver cannot read yet")
+    return Agreement(probe, pipe)

@@ -1,0 +1,42 @@
+"""What to do when the pictures stop: from the mildest means to the strongest (fact sheet 3.3)."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+
+class Step(Enum):
+    RESTART = "restarting the stream"
+    RENEGOTIATE = "negotiating the stream anew"
+    REOPEN = "opening the camera anew"
+
+
+ORDER = (Step.RESTART, Step.RESTART, Step.RENEGOTIATE, Step.REOPEN)
+
+
+class Ladder:
+    """Pure: told when the stream was started and when pictures came, says what is due at `now_ns`."""
+
+    def __init__(self, now_ns: int, *, stall_s: float, first_picture_s: float) -> None:
+        self._stall_ns, self._first_ns = round(stall_s * 1e9), round(first_picture_s * 1e9)
+        self._rung = 0
+        self._started_ns = now_ns
+
+    def due(self, now_ns: int, last_picture_ns: int | None) -> Step | None:
+        """The step to take now, or None. After a step call `started()`."""
+        if last_picture_ns is not None and last_picture_ns >= self._started_ns:
+            self._rung = 0
+            silent, patience = now_ns - last_picture_ns, self._stall_ns
+        else:
+            # A camera that streamed a moment ago need not be waited for as long as one just switched on.
+            silent = now_ns - self._started_ns
+            patience = self._first_ns if self._rung == 0 else self._stall_ns
+        if silent < patience:
+            return None
+        step = ORDER[min(self._rung, len(ORDER) - 1)]
+        self._rung += 1
+        return step
+
+    def started(self, now_ns: int) -> None:
+        """The stream was started again."""
+        self._started_ns = now_ns

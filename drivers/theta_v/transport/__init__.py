@@ -1,0 +1,1 @@
+"""How bytes reach the camera: one small protocol, and who implements it."""
