@@ -93,7 +93,7 @@ def step_drive(
     """
     if cue_shown:
         return DriveState(reasons=(CUE_SHOWN,))
-    if intention is None or not math.isfinite(gaze):
+    if intention is None or not math.isfinite(gaze - pose.yaw):
         return DriveState(reasons=(NO_INTENTION,))
     wanted = wrap_angle(wanted_yaw(intention, gaze) - pose.yaw)
     heading: float | None = wanted

@@ -84,11 +84,12 @@ def test_courses_are_in_the_world_and_turn_with_the_robot() -> None:
     [
         (drive(intention=None), NO_INTENTION),
         (drive(gaze=math.nan), NO_INTENTION),
+        (drive(pose=Pose2(yaw=math.inf)), NO_INTENTION),
         (drive(cue_shown=True), CUE_SHOWN),
         (drive(intention=None, cue_shown=True), CUE_SHOWN),
         (drive(points=np.column_stack([np.full(401, 0.5), np.linspace(-4, 4, 401)])), BLOCKED),
     ],
-    ids=["no intention", "no gaze", "cue", "cue and no intention", "wall"],
+    ids=["no intention", "no gaze", "no pose", "cue", "cue and no intention", "wall"],
 )
 def test_the_robot_holds_and_says_why(held: DriveState, reason: str) -> None:
     assert held.twist == STILL
