@@ -26,6 +26,8 @@ class Method:
 VARIABLES = {
     "0": "SS",  # by index: the same as DeviceIdent
     "DeviceIdent": "SS",
+    "DItype": "S",
+    "DIornr": "S",
     "FirmwareVersion": "S",
     "SerialNumber": "S",
     "SCdevicestate": "B",

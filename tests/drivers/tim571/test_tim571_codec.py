@@ -104,6 +104,8 @@ def test_values_of_a_real_tim5xx(command_pairs: list[dict[str, Any]]) -> None:
 VALUES: dict[str, tuple[Any, ...]] = {
     "0": ("TiM57x", "V2.60-12.05.20"),
     "DeviceIdent": ("TiM57x", ""),
+    "DItype": ("TiM571-2050101",),
+    "DIornr": ("1075091",),
     "FirmwareVersion": ("V2.60",),
     "SerialNumber": ("17461662",),
     "SCdevicestate": (1,),

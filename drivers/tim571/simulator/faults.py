@@ -1,0 +1,51 @@
+"""What may go wrong between the simulated lidar and its clients, decided by a seed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from random import Random
+
+
+@dataclass(frozen=True, slots=True)
+class FaultPlan:
+    """Chances apply to each frame sent; spans are `(begin, length)` in seconds from the simulator's start."""
+
+    drop: float = 0.0
+    """Chance that a frame is never sent."""
+    corrupt: float = 0.0
+    """Chance that one of its bytes is changed."""
+    split: float = 0.0
+    """Chance that it goes out in several segments with time between them."""
+    delay: float = 0.0
+    """Chance that it is held back, by up to `delay_s`."""
+    delay_s: float = 0.05
+    stall: tuple[float, float] | None = None
+    """The connection stays open but no byte comes, as after a pulled cable."""
+    unplug: tuple[float, float] | None = None
+    """All connections close and new ones are refused."""
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """Bytes to send after waiting `pause_s`."""
+
+    pause_s: float
+    data: bytes
+
+
+SEGMENT_PAUSE_S = 0.003
+
+
+def strike(plan: FaultPlan, chance: Random, frame: bytes) -> list[Piece]:
+    """What becomes of a frame."""
+    if chance.random() < plan.drop:
+        return []
+    pause_s = chance.random() * plan.delay_s if chance.random() < plan.delay else 0.0
+    if chance.random() < plan.corrupt:
+        at = chance.randrange(len(frame))
+        frame = frame[:at] + bytes([frame[at] ^ chance.randrange(1, 256)]) + frame[at + 1 :]
+    if chance.random() >= plan.split:
+        return [Piece(pause_s, frame)]
+    cuts = sorted(chance.randrange(len(frame)) for _ in range(chance.randrange(1, 4)))
+    parts = [frame[a:b] for a, b in zip([0, *cuts], [*cuts, len(frame)], strict=True)]
+    return [Piece(pause_s if at == 0 else SEGMENT_PAUSE_S, part) for at, part in enumerate(parts) if part]

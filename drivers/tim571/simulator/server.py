@@ -1,0 +1,295 @@
+"""The simulated lidar on a TCP port."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections import deque
+from dataclasses import replace
+from pathlib import Path
+from random import Random
+from types import TracebackType
+from typing import Self
+
+from drivers.tim571.codec import scandata
+from drivers.tim571.codec.dialect import Dialect
+from drivers.tim571.codec.fields import pack
+from drivers.tim571.codec.scandata import SCAN_NAMES
+from drivers.tim571.codec.telegram import Receiver, Telegram
+from drivers.tim571.device.clock import TICKS
+from drivers.tim571.device.continuity import COUNTS
+from drivers.tim571.simulator.behaviour import Behaviour, Client, DeviceSettings
+from drivers.tim571.simulator.faults import FaultPlan, strike
+from drivers.tim571.simulator.recording import read_scans
+from drivers.tim571.simulator.scanner import Revolution, Scanner, ScanSource, empty_room
+
+TRANSMIT_DELAY_S = 0.0071  # from the last beam to the transmission, on a real TiM571
+SCAN_COUNTER_LEAD = 2  # the scan counter runs ahead of the telegram counter by 2 to 5
+BEHIND_S = 1.0  # an event loop held up for longer than this loses revolutions, as a real network would
+OUTBOX_FRAMES = 32  # about 2 s of scans: a client slower than that loses scans, not the device its memory
+REMEMBERED_REQUESTS = 256
+
+
+class Tim571Simulator:
+    """A TiM571 that any SOPAS client can talk to.
+
+        async with Tim571Simulator(source) as simulator:
+            ... connect to simulator.port ...
+
+    `source` is the world (see `ScanSource`); `replay` is a `.rec` file to send instead, in its own dialect. `port`
+    0 takes a free one. The same seed gives the same noise and the same faults.
+    """
+
+    def __init__(
+        self,
+        source: ScanSource = empty_room,
+        *,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        dialect: Dialect | str = Dialect.A,
+        settings: DeviceSettings | None = None,
+        faults: FaultPlan | None = None,
+        seed: int = 0,
+        replay: Path | None = None,
+    ) -> None:
+        self.settings = settings or DeviceSettings()
+        self.host = host
+        self.port = port
+        self.requests: deque[Telegram] = deque(maxlen=REMEMBERED_REQUESTS)
+        """The newest requests understood, whoever sent them."""
+        self.faults = faults or FaultPlan()
+        self._recorded = read_scans(replay) if replay else []
+        if self._recorded:
+            dialect = self._recorded[0].dialect
+        self.behaviour = Behaviour(self.settings, Dialect(dialect), fixed_dialect=bool(self._recorded))
+        self._scanner = Scanner(source, seed)
+        self._chance = Random(seed)  # noqa: S311 - faults, not secrets
+        self._connections: set[_Connection] = set()
+        self._server: asyncio.Server | None = None
+        self._tasks: list[asyncio.Task[None]] = []
+        self._began_s = self._power_on_s = 0.0
+        self._turn: Revolution | None = None
+        self._sent = 0
+
+    @property
+    def clients(self) -> int:
+        """Connections open now."""
+        return len(self._connections)
+
+    @property
+    def plugged(self) -> bool:
+        """Whether connections are taken."""
+        return self._server is not None
+
+    @property
+    def newest(self) -> Revolution | None:
+        """The revolution finished last, or None before the first."""
+        return self._turn
+
+    async def __aenter__(self) -> Self:
+        self._began_s = time.monotonic()
+        self._power_on()
+        await self.replug()
+        self._tasks = [asyncio.create_task(self._rotate(), name="simulated TiM571")]
+        if self.faults.unplug is not None:
+            self._tasks.append(asyncio.create_task(self._unplug_for(*self.faults.unplug)))
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        tasks, self._tasks = self._tasks, []
+        for task in tasks:
+            task.cancel()
+        await self.unplug()
+        for outcome in await asyncio.gather(*tasks, return_exceptions=True):
+            if isinstance(outcome, Exception):
+                raise outcome
+
+    async def serve_forever(self) -> None:
+        """Be a lidar until cancelled; raises OSError if the port is taken."""
+        async with self:
+            await asyncio.gather(*self._tasks)
+
+    async def unplug(self) -> None:
+        """Close all connections and refuse new ones; the device stays powered."""
+        server, self._server = self._server, None
+        if server is not None:
+            server.close()
+        for connection in list(self._connections):
+            connection.abort()
+        if server is not None:
+            await server.wait_closed()
+
+    async def replug(self) -> None:
+        """Take connections again, on the same port."""
+        if self._server is None:
+            loop = asyncio.get_running_loop()
+            self._server = await loop.create_server(
+                lambda: _Connection(self), self.host, self.port, start_serving=False
+            )
+            self.port = self._server.sockets[0].getsockname()[1]
+            await self._server.start_serving()
+
+    async def power_cycle(self) -> None:
+        """Off and on: connections break, unsaved settings and counters are gone, and start-up begins."""
+        await self.unplug()
+        self._power_on()
+        await self.replug()
+
+    def _power_on(self) -> None:
+        self._power_on_s = time.monotonic()
+        self._turn = None
+        self.behaviour.power_on(self._power_on_s)
+
+    async def _unplug_for(self, at_s: float, for_s: float) -> None:
+        await asyncio.sleep(at_s)
+        await self.unplug()
+        await asyncio.sleep(for_s)
+        await self.replug()
+
+    async def _rotate(self) -> None:
+        """Finish a revolution every period and send it."""
+        period_s = 1.0 / self.settings.scan_rate_hz
+        end_s = time.monotonic() + period_s
+        while True:
+            await asyncio.sleep(max(0.0, end_s + TRANSMIT_DELAY_S - time.monotonic()))
+            if self.behaviour.reboot_wanted:
+                await self.power_cycle()
+            now_s = time.monotonic()
+            clients = [connection.client for connection in self._connections]
+            if self.behaviour.scanning(clients, now_s) and end_s > self._power_on_s:
+                self._turn = self._finish(end_s)
+                self._send_scan(self._turn)
+            end_s += period_s
+            if now_s - end_s > BEHIND_S:
+                end_s = now_s
+
+    def _finish(self, end_s: float) -> Revolution:
+        before = self._turn
+        telegram_counter = (before.telegram_counter + 1) % COUNTS if before else 0
+        return Revolution(
+            end_ns=round(end_s * 1e9),
+            tick_us=self._tick_us(end_s),
+            scan_counter=(telegram_counter + SCAN_COUNTER_LEAD) % COUNTS,
+            telegram_counter=telegram_counter,
+        )
+
+    def _tick_us(self, now_s: float) -> int:
+        return (round((now_s - self._power_on_s) * 1e6) + self.settings.tick_at_power_on_us) % TICKS
+
+    def _send_scan(self, turn: Revolution) -> None:
+        recorded = self._recorded[self._sent % len(self._recorded)] if self._recorded else None
+        self._sent += 1
+        made: dict[tuple[Dialect, str], bytes] = {}
+        for connection in list(self._connections):
+            client = connection.client
+            for name in client.events:
+                if recorded is not None:
+                    connection.send(recorded.frame)
+                elif turn.scan_counter % self.behaviour.output.every == 0:
+                    key = (client.dialect, name)
+                    if key not in made:
+                        made[key] = self._telegram(turn, client.dialect, "sSN", name).to_wire()
+                    connection.send(made[key])
+
+    def _telegram(self, turn: Revolution, dialect: Dialect, kind: str, name: str) -> Telegram:
+        behaviour = self.behaviour
+        scan = self._scanner.scan(
+            turn,
+            self._tick_us(time.monotonic()),
+            self.settings.serial,
+            self.settings.scan_rate_hz,
+            behaviour.output,
+            behaviour.sector,
+            behaviour.name,
+            (1, 0) if behaviour.failed else (0, 0),
+        )
+        return scandata.encode(scan, dialect, kind, name)
+
+    def _polled(self, dialect: Dialect, name: str) -> Telegram:
+        """The newest finished scan; all zeros before the first."""
+        if self._turn is None:
+            return Telegram(dialect, "sRA", name, _empty_scan(dialect))
+        if self._recorded:
+            return replace(self._recorded[(self._sent - 1) % len(self._recorded)], kind="sRA", name=name)
+        return self._telegram(self._turn, dialect, "sRA", name)
+
+    def _stalled(self) -> bool:
+        if self.faults.stall is None:
+            return False
+        at_s, for_s = self.faults.stall
+        return at_s <= time.monotonic() - self._began_s < at_s + for_s
+
+    def _hear(self, request: Telegram, connection: _Connection) -> None:
+        now_s = time.monotonic()
+        if not self.behaviour.awake(now_s) or self._stalled():
+            return
+        self.requests.append(request)
+        if request.kind == "sRN" and request.name in SCAN_NAMES and not request.body:
+            answer = self._polled(request.dialect, request.name)
+        else:
+            clients = [other.client for other in self._connections]
+            answer = self.behaviour.answer(request, connection.client, clients, now_s)
+        connection.send(answer.to_wire())
+
+
+def _empty_scan(dialect: Dialect) -> bytes:
+    return pack(dialect, "HHIBBHHIIBBBBHIIHHHHHHHH", *[0] * 24)
+
+
+class _Connection(asyncio.Protocol):
+    """One client: what it sends is understood in its dialect or ignored; what it is sent passes the faults."""
+
+    def __init__(self, simulator: Tim571Simulator) -> None:
+        self._simulator = simulator
+        self.client = Client(simulator.behaviour.dialect)
+        self._receiver = Receiver(self.client.dialect)
+        self._outbox: asyncio.Queue[bytes] = asyncio.Queue(OUTBOX_FRAMES)
+        self._can_write = asyncio.Event()
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)  # noqa: S101 - create_server makes no other kind
+        self._transport = transport
+        if not self._simulator.plugged:  # accepted in the very moment the plug was pulled
+            transport.abort()
+        self._can_write.set()
+        self._simulator._connections.add(self)
+        self._sender = asyncio.create_task(self._send())
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._simulator._connections.discard(self)
+        self._sender.cancel()
+
+    def pause_writing(self) -> None:
+        self._can_write.clear()
+
+    def resume_writing(self) -> None:
+        self._can_write.set()
+
+    def data_received(self, data: bytes) -> None:
+        for event in self._receiver.feed(data):
+            if isinstance(event, Telegram):
+                self._simulator._hear(event, self)
+        if self._receiver.dialect is not self.client.dialect:
+            self._receiver = Receiver(self.client.dialect)
+
+    def send(self, frame: bytes) -> None:
+        """Queue a frame; a client that doesn't read loses it."""
+        if not self._outbox.full():
+            self._outbox.put_nowait(frame)
+
+    def abort(self) -> None:
+        """Close without ceremony."""
+        self._transport.abort()
+
+    async def _send(self) -> None:
+        simulator = self._simulator
+        while True:
+            frame = await self._outbox.get()
+            for piece in strike(simulator.faults, simulator._chance, frame):
+                if piece.pause_s:
+                    await asyncio.sleep(piece.pause_s)
+                await self._can_write.wait()
+                if not simulator._stalled():
+                    self._transport.write(piece.data)
