@@ -10,7 +10,7 @@ import time
 from drivers.rmp110.codec.assembler import Packet, ReplyCollector
 from drivers.rmp110.codec.commands import POLL, configure, force_config_feedback
 from drivers.rmp110.codec.feedback import COMPACT_BITMAPS, CONFIG_REPLY_FRAMES, Dialect, Layout
-from drivers.rmp110.codec.frames import Frame
+from drivers.rmp110.codec.frames import Frame, as_float32
 from drivers.rmp110.codec.motion import MotionScale
 from drivers.rmp110.codec.parameters import (
     BY_NAME,
@@ -157,7 +157,7 @@ def conclude(dialect: Dialect, stored: Stored, config: Rmp110Config) -> Identity
         stored["max_yaw_rate"],
         config.max_v_mps,
         config.max_w_rps,
-        config.track_m / stored["track_width"],
+        as_float32(config.track_m) / stored["track_width"],
     )
     return Identity(dialect, stored, layout, scale, differences, refusal)
 
