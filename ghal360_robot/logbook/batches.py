@@ -41,7 +41,8 @@ class Batches:
         self._sink = sink
         self._anchor = anchor
         self._rows: dict[Table, list[Row]] = {table: [] for table in entities.ORDER}
-        self._last: dict[Table, Row] = {}
+        self._sent: dict[Table, Row] = {}
+        """What a reader of the file holds to be current."""
         self.failures: Counter[str] = Counter()
         """Rows that could not be written, by entity, since the last `take_failures`."""
         self.failed = 0
@@ -49,25 +50,11 @@ class Batches:
         self.last_failure = ""
 
     def add(self, row: Row) -> None:
-        table = row.table
-        last = self._last.get(table)
-        if last is not None:
-            if table.on_change and self._repeats(row, last):
-                return
-            row = _without_repeats(row, last)
-        self._last[table] = _carried(row, last)
-        self._rows.setdefault(table, []).append(row)
+        self._rows.setdefault(row.table, []).append(row)
 
-    def begin_anew(self) -> int:
-        """A new file begins: what waits may lean on rows that the old one lost, so it goes; how many rows.
-
-        The next row of every table is written in full.
-        """
-        waiting = sum(map(len, self._rows.values()))
-        for rows in self._rows.values():
-            rows.clear()
-        self._last.clear()
-        return waiting
+    def begin_anew(self) -> None:
+        """A new file begins: the next row of every table is written in full."""
+        self._sent.clear()
 
     def flush(self, *, slow: bool = True) -> Iterator[Table]:
         """Send table by table, the slow ones if `slow`; yields after each, to let other threads run.
@@ -92,68 +79,67 @@ class Batches:
         return failures
 
     def _send(self, table: Table, rows: Sequence[Row]) -> None:
-        """One batch per run of rows with the same timelines; a bad row is found by sending it alone."""
-        for same_timelines in _split_by_tick(rows):
-            try:
-                self._send_batch(table, same_timelines)
-            except BAD_ROW as error:
-                self._last.pop(table, None)
-                if len(same_timelines) == 1:
-                    self.fail(table.entity, error)
-                    continue
-                middle = len(same_timelines) // 2
-                self._send(table, same_timelines[:middle])
-                self._send(table, same_timelines[middle:])
+        """One batch, or halves of it until the bad row is found. What repeats is left out of what is sent.
+
+        A row leans only on rows that really were sent.
+        """
+        thin, current = _thinned(rows, self._sent.get(table))
+        if not thin:
+            return
+        try:
+            self._send_batch(table, thin)
+        except BAD_ROW as error:
+            if len(rows) == 1:
+                self.fail(table.entity, error)
+                return
+            middle = len(rows) // 2
+            self._send(table, rows[:middle])
+            self._send(table, rows[middle:])
+        else:
+            self._sent[table] = current
+            self.written += len(thin)
 
     def _send_batch(self, table: Table, rows: Sequence[Row]) -> None:
         stamps = np.array([self._anchor.to_wall(row.stamp_ns) for row in rows], np.int64)
         indexes = [rr.TimeColumn(TIME, timestamp=stamps.astype("datetime64[ns]"))]
         if rows[0].tick is not None:
-            indexes.append(rr.TimeColumn(TICK, sequence=[row.tick for row in rows if row.tick is not None]))
+            indexes.append(rr.TimeColumn(TICK, sequence=pa.array([row.tick for row in rows])))
         columns = []
         for k, column in enumerate(table.columns):
             values = [row.values[k] for row in rows]
             if any(value is not None for value in values):
                 columns.append(encode(column, values))
         self._sink.send_columns(table.entity, indexes, columns, strict=True)
-        self.written += len(rows)
-
-    @staticmethod
-    def _repeats(row: Row, last: Row) -> bool:
-        table = row.table
-        if table.keepalive_ns is not None and row.stamp_ns - last.stamp_ns >= table.keepalive_ns:
-            return False
-        return all(map(same, row.values[: table.compared], last.values[: table.compared]))
 
 
-def _without_repeats(row: Row, last: Row) -> Row:
+def _thinned(rows: Sequence[Row], current: Row | None) -> tuple[list[Row], Row]:
+    """The rows to send, given what a reader holds to be current; and what it will hold after them."""
+    thin: list[Row] = []
+    for row in rows:
+        if current is None:
+            thin.append(row)
+        elif row.table.on_change and _repeats(row, current):
+            continue
+        else:
+            thin.append(_without_repeats(row, current))
+        current = row
+    return thin, rows[-1] if current is None else current
+
+
+def _repeats(row: Row, current: Row) -> bool:
+    table = row.table
+    if table.keepalive_ns is not None and row.stamp_ns - current.stamp_ns >= table.keepalive_ns:
+        return False
+    return all(map(same, row.values[: table.compared], current.values[: table.compared]))
+
+
+def _without_repeats(row: Row, current: Row) -> Row:
     """`row` with None in every sparse column that says the same as before."""
     columns = row.table.columns
     if not any(column.sparse for column in columns):
         return row
     values = tuple(
         None if column.sparse and same(value, before) else value
-        for column, value, before in zip(columns, row.values, last.values, strict=True)
+        for column, value, before in zip(columns, row.values, current.values, strict=True)
     )
     return Row(row.table, row.stamp_ns, values, row.tick)
-
-
-def _carried(row: Row, last: Row | None) -> Row:
-    """What a reader holds to be current after `row`."""
-    columns = row.table.columns
-    if last is None or not any(column.sparse for column in columns):
-        return row
-    values = tuple(
-        before if column.sparse and value is None else value
-        for column, value, before in zip(columns, row.values, last.values, strict=True)
-    )
-    return Row(row.table, row.stamp_ns, values, row.tick)
-
-
-def _split_by_tick(rows: Sequence[Row]) -> Iterator[Sequence[Row]]:
-    ticked = [row for row in rows if row.tick is not None]
-    if len(ticked) in (0, len(rows)):
-        yield rows
-        return
-    yield ticked
-    yield [row for row in rows if row.tick is None]

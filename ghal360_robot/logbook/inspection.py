@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
-from collections import Counter
+from collections import Counter, defaultdict
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
@@ -197,18 +197,19 @@ def _skipped(numbers: Iterable[int]) -> int:
 
 
 def _spread(values: Sequence[float]) -> Spread:
-    if not values:
+    finite = [value for value in values if math.isfinite(value)]
+    if not finite:
         return Spread(0, 0.0, 0.0, 0.0)
-    median, p99 = np.percentile(values, (50, 99))
-    return Spread(len(values), float(median), float(p99), float(max(values)))
+    median, p99 = np.percentile(finite, (50, 99))
+    return Spread(len(finite), float(median), float(p99), max(finite))
 
 
 def _decisions(ticks: Sequence[Tick], reader: RunReader) -> DecisionReport:
     cues: Counter[str] = Counter()
     intentions: Counter[str] = Counter()
-    cue_s: Counter[str] = Counter()
-    armed_s: Counter[str] = Counter()
-    stop_s: Counter[str] = Counter()
+    cue_s: defaultdict[str, float] = defaultdict(float)
+    armed_s: defaultdict[str, float] = defaultdict(float)
+    stop_s: defaultdict[str, float] = defaultdict(float)
     before: Tick | None = None
     for tick, after in itertools.zip_longest(ticks, ticks[1:]):
         decision, applied = tick.decision, tick.applied
@@ -237,4 +238,5 @@ def _decisions(ticks: Sequence[Tick], reader: RunReader) -> DecisionReport:
 
 def _distance_m(reader: RunReader) -> float:
     poses = (state.pose for state in reader.base_states())
-    return sum(math.hypot(b.x - a.x, b.y - a.y) for a, b in itertools.pairwise(poses))
+    steps = (math.hypot(b.x - a.x, b.y - a.y) for a, b in itertools.pairwise(poses))
+    return sum(step for step in steps if math.isfinite(step))

@@ -247,7 +247,7 @@ class RunReader:
             for chunk in part.chunks(RUN_PROPERTY):
                 for row in chunk_rows(chunk):
                     self.run_id = row.values["Run:run_id"][0]
-                    self.config_toml = row.values["Run:config_toml"][0]
+                    self.config_toml = row.values.get("Run:config_toml", [""])[0]
                     anchor = Anchor(int(row.values["Run:monotonic_ns"][0]), int(row.values["Run:wall_ns"][0]))
             for chunk in part.chunks(ROBOT_PROPERTY):
                 for row in chunk_rows(chunk):

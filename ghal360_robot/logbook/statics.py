@@ -82,15 +82,15 @@ def log_statics(stream: rr.RecordingStream, run: Run) -> None:
         rr.DynamicArchetype(
             "Run",
             components={
-                "run_id": run.run_id,
-                "config_toml": run.config_toml,
+                "run_id": [run.run_id],
+                "config_toml": [run.config_toml],
                 "monotonic_ns": [run.anchor.monotonic_ns],
                 "wall_ns": [run.anchor.wall_ns],
             },
         ),
     )
     if run.properties:
-        stream.send_property("robot", rr.DynamicArchetype("Robot", components=dict(run.properties)))
+        stream.send_property("robot", rr.DynamicArchetype("Robot", components=_texts(run.properties)))
     stream.log(entities.THETA_VIDEO.entity, rr.VideoStream(codec=rr.VideoCodec.H264), static=True)
     for sensor, mount in run.mounts.items():
         stream.log(f"tf/{sensor}", _transform(sensor, mount), static=True)
@@ -106,6 +106,11 @@ def log_statics(stream: rr.RecordingStream, run: Run) -> None:
     )
     for table in (entities.GUIDANCE_CUE, entities.STATE_ARM, entities.STATE_BASE):
         stream.log(table.entity, states, static=True)
+
+
+def _texts(properties: Mapping[str, str]) -> dict[str, list[str]]:
+    """In lists, since Rerun leaves an empty text out."""
+    return {name: [text] for name, text in properties.items()}
 
 
 def _transform(sensor: str, mount: Mount) -> rr.Transform3D:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from typing import TYPE_CHECKING
@@ -37,6 +38,8 @@ FOOTER_S = 1.0
 
 SOURCE = "logbook"
 
+logger = logging.getLogger(__name__)
+
 
 class Writer:
     """Runs from `start` until `stop`; its fields may be read from any thread."""
@@ -63,7 +66,7 @@ class Writer:
         self._thread.join(timeout_s)
         return not self._thread.is_alive()
 
-    def _run(self) -> None:
+    def _work(self) -> None:
         flush_at = time.monotonic() + FLUSH_PERIOD_S
         probe_at = time.monotonic() + PROBE_PERIOD_S
         flushes = 0
@@ -81,6 +84,14 @@ class Writer:
                 probe_at = now + PROBE_PERIOD_S
             self.cpu_s = time.thread_time()
         self._finish()
+
+    def _run(self) -> None:
+        try:
+            self._work()
+        except Exception as error:  # noqa: BLE001 - a mistake in here must be heard, not end the thread in silence
+            self.failed = f"The recording has ended because of a mistake in the logbook ({error!r})."
+            logger.exception("The logbook's writer has failed")
+            self._part.close()
 
     def _take(self, until: float) -> None:
         while entries := self._mailbox.take(TAKE_ENTRIES):
@@ -126,12 +137,8 @@ class Writer:
             self.failed = str(error)
             return
         self.reopened += 1
-        lost = self.batches.begin_anew()
-        self._say(
-            "ERROR",
-            f"{self.failed} What came in the second before that is lost, and {lost} rows more; "
-            f"this is {self._part.path.name}.",
-        )
+        self.batches.begin_anew()
+        self._say("ERROR", f"{self.failed} What came in the second before that is lost.")
         self.failed = None
 
     def _report(self) -> None:
