@@ -1,6 +1,7 @@
-"""What a human in front of the panorama sees of the simulated world: free floor ahead, and the target or not.
+"""What a human in front of the panorama sees of the simulated world: free floor, open space, the target or not.
 
-Line of sight only; nothing here tells more than the picture shows within the operator's field of view.
+Line of sight only; nothing here tells more than the picture shows. The whole panorama is in front of the
+operator, so floor and space are known all around, but a thing is recognised only in the view they turn to.
 """
 
 from __future__ import annotations
@@ -12,6 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ghal360_robot.messages import Cue
+from ghal360_robot.simulation.raycast import Shapes
+from ghal360_robot.simulation.rooms import CEILING_M
 from ghal360_robot.simulation.world import CAMERA_HEIGHT_M
 
 if TYPE_CHECKING:
@@ -20,21 +23,26 @@ if TYPE_CHECKING:
     from ghal360_robot.messages import Pose2
     from ghal360_robot.simulation.world import World
 
-LOOKS_PER_TURN = 180
-"""Every 2 degrees: 0.28 m apart at the end of the view, half of what the robot needs to pass."""
+LOOKS_PER_TURN = 120
+"""Every 3 degrees: 0.4 m apart at the end of the view; a door is three of them."""
 VIEW_M = 8.0
 """Beyond, a human judges no distances in a 2K panorama (5 pixels per degree)."""
 RECOGNISED_M = 6.0
 """A backpack 6 m away is 17 x 23 pixels; further away nobody knows it for one."""
+OVER_M = 1.0
+"""The camera looks over what is lower than this, as desks and sofas, into the room behind."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """One look: `free_m` (k,) of floor along `yaws` (k,) of the world, up to VIEW_M."""
+    """One look around along `yaws` (k,) of the world, in rising order once round. Distances end at VIEW_M."""
 
     pose: Pose2
     yaws: NDArray[np.float64]
-    free_m: NDArray[np.float64]
+    floor_m: NDArray[np.float64]
+    """Free floor (k,) before the first thing that stands in the way."""
+    space_m: NDArray[np.float64]
+    """Open space (k,) before the first thing that hides what is behind it."""
     target_yaw: float | None
     """World direction of the target if it is in view."""
 
@@ -52,20 +60,31 @@ class Sight:
     """The link or a device is in trouble; nobody presses buttons then."""
 
 
+class Eyes:
+    """Looks at one world. `look` is a pure function of its arguments."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._target = world.target_object()
+        hiding = (item for item in world.objects if item.z <= OVER_M <= item.top)
+        self._hiding = Shapes.of(hiding, world.plan.wall_boxes(), CEILING_M)
+        step = math.tau / LOOKS_PER_TURN
+        self._yaws = -math.pi + step * np.arange(LOOKS_PER_TURN, dtype=np.float64)
+
+    def look(self, pose: Pose2, head_yaw: float, fov: float) -> View:
+        """What is visible from the robot's camera with the head at `head_yaw` (base frame) and a field of `fov`."""
+        floor = np.minimum(self._world.ranges(pose.x, pose.y, self._yaws), VIEW_M)
+        space = np.minimum(self._hiding.ranges(pose.x, pose.y, self._yaws), VIEW_M)
+        return View(pose, self._yaws, floor, space, self._target_yaw(pose, pose.yaw + head_yaw, fov))
+
+    def _target_yaw(self, pose: Pose2, gaze: float, fov: float) -> float | None:
+        dx, dy = self._target.x - pose.x, self._target.y - pose.y
+        yaw = math.atan2(dy, dx)
+        if math.hypot(dx, dy) > RECOGNISED_M or abs(math.remainder(yaw - gaze, math.tau)) > fov / 2:
+            return None
+        return yaw if self._world.visible(pose.x, pose.y, CAMERA_HEIGHT_M, self._target) else None
+
+
 def look(world: World, pose: Pose2, head_yaw: float, fov: float) -> View:
-    """What is visible from the robot's camera with the head at `head_yaw` (base frame) and a field of `fov`."""
-    gaze = pose.yaw + head_yaw
-    step = math.tau / LOOKS_PER_TURN
-    half = int(fov / 2 / step)
-    yaws = gaze + step * np.arange(-half, half + 1, dtype=np.float64)
-    free = np.minimum(world.ranges(pose.x, pose.y, yaws), VIEW_M)
-    return View(pose, yaws, free, _target_yaw(world, pose, gaze, fov))
-
-
-def _target_yaw(world: World, pose: Pose2, gaze: float, fov: float) -> float | None:
-    target = world.target_object()
-    dx, dy = target.x - pose.x, target.y - pose.y
-    yaw = math.atan2(dy, dx)
-    if math.hypot(dx, dy) > RECOGNISED_M or abs(math.remainder(yaw - gaze, math.tau)) > fov / 2:
-        return None
-    return yaw if world.visible(pose.x, pose.y, CAMERA_HEIGHT_M, target) else None
+    """One look at a world; `Eyes` spares the preparation when there are many."""
+    return Eyes(world).look(pose, head_yaw, fov)

@@ -1,11 +1,11 @@
-"""What the virtual operator remembers: floor it has seen, things in the way, places it has been near.
+"""What the virtual operator remembers: floor and space it has seen, things in the way, places it was near.
 
-A coarse picture of the surroundings made only of what `eyes.look` showed, as humans keep one.
+A coarse picture of the surroundings made only of what `eyes` showed, as humans keep one.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import cv2
@@ -28,19 +28,23 @@ CELL_M = 0.10
 SIDE_CELLS = 320
 """32 m, the start in the middle: every place of a 14 m building from any start."""
 
-SEEN = 1
-"""Floor that was in view."""
+FLOOR = 1
+"""Free floor."""
 SOLID = 2
 """Something stands here."""
-NEAR = 4
-"""Looked at from close by."""
-GIVEN_UP = 8
+SPACE = 4
+"""Looked into from near enough to recognise what is there."""
+HIDING = 8
+"""Something here hides what is behind it."""
+NEAR = 16
+"""Seen from close by."""
+GIVEN_UP = 32
 """Tried to get or see further here, in vain."""
 
+SEARCHED_M = 5.0
+"""Further away, a small thing among others is easily overlooked."""
 NEAR_M = 2.0
 """From this close, whatever stands here has been seen."""
-AROUND_M = 0.8
-"""Floor this close to the robot has been seen from all sides on the way."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +59,7 @@ class Recollection:
     def empty(cls, pose: Pose2) -> Self:
         """Nothing seen yet; room for everything around `pose`."""
         half = SIDE_CELLS * CELL_M / 2
-        return cls(pose.x - half, pose.y - half, _frozen(np.zeros((SIDE_CELLS, SIDE_CELLS), np.uint8)))
+        return cls(pose.x - half, pose.y - half, _fixed(np.zeros((SIDE_CELLS, SIDE_CELLS), np.uint8)))
 
     def cell(self, x: float, y: float) -> tuple[int, int]:
         """Row and column of a point, clipped to the edge."""
@@ -63,6 +67,7 @@ class Recollection:
         return min(max(row, 0), SIDE_CELLS - 1), min(max(column, 0), SIDE_CELLS - 1)
 
     def has(self, mark: int) -> Mask:
+        """Where any of these marks is."""
         found: Mask = (self.marks & mark) != 0
         return found
 
@@ -75,37 +80,40 @@ class Recollection:
 def remember(memory: Recollection, view: View) -> Recollection:
     """Add one look to the memory."""
     marks = memory.marks.copy()
-    # A ray beside an edge must not open what is behind it: each reaches as far as its shorter neighbour.
-    padded = np.concatenate((view.free_m[:1], view.free_m, view.free_m[-1:]))
-    reach = np.minimum(np.minimum(padded[:-2], padded[1:-1]), padded[2:])
-    fan = np.zeros_like(marks)
-    origin = _cells(memory, np.array([view.pose.x]), np.array([view.pose.y]))
-    cv2.fillPoly(fan, [np.concatenate((origin, _cells(memory, *_ends(view, reach))))], 1)
-    cv2.circle(fan, tuple(map(int, origin[0])), round(AROUND_M / 2 / CELL_M), 1, -1)
-    close = np.zeros_like(marks)
-    cv2.circle(close, tuple(map(int, origin[0])), round(NEAR_M / CELL_M), 1, -1)
-    around = np.zeros_like(marks)
-    cv2.circle(around, tuple(map(int, origin[0])), round(AROUND_M / CELL_M), 1, -1)
-    marks[fan > 0] |= SEEN
-    marks[(fan & close | around) > 0] |= NEAR
-    hit = view.free_m < VIEW_M
-    inside = _cells(memory, *_ends(view, view.free_m + 0.3 * CELL_M))[hit]
-    marks[inside[:, 1], inside[:, 0]] |= SOLID
-    return Recollection(memory.x0, memory.y0, _frozen(marks))
+    for reach, mark in (
+        (view.floor_m, FLOOR),
+        (np.minimum(view.space_m, SEARCHED_M), SPACE),
+        (np.minimum(view.space_m, NEAR_M), NEAR),
+    ):
+        marks[_fan(memory, view, reach)] |= mark
+    for reach, mark in ((view.floor_m, SOLID), (view.space_m, HIDING)):
+        # A little inside, for the surface itself may lie on a border of cells.
+        ends = _cells(memory, *_ends(view, reach + 0.3 * CELL_M))[reach < VIEW_M]
+        marks[ends[:, 1], ends[:, 0]] |= mark
+    return replace(memory, marks=_fixed(marks))
 
 
 def give_up(memory: Recollection, x: float, y: float, radius_m: float) -> Recollection:
     """Remember that nothing more is to be had around a place."""
-    marks = memory.marks.copy()
-    disc = np.zeros_like(marks)
+    disc = np.zeros_like(memory.marks)
     row, column = memory.cell(x, y)
     cv2.circle(disc, (column, row), round(radius_m / CELL_M), GIVEN_UP, -1)
-    return Recollection(memory.x0, memory.y0, _frozen(marks | disc))
+    return replace(memory, marks=_fixed(memory.marks | disc))
 
 
 def forget_tries(memory: Recollection) -> Recollection:
     """Start over: keep the floor and the things, forget what was looked at closely or given up."""
-    return Recollection(memory.x0, memory.y0, _frozen(memory.marks & (SEEN | SOLID)))
+    return replace(memory, marks=_fixed(memory.marks & np.uint8(FLOOR | SOLID | SPACE | HIDING)))
+
+
+def _fan(memory: Recollection, view: View, reach: NDArray[np.float64]) -> Mask:
+    """The cells within `reach` (k,) of the robot."""
+    # A ray beside an edge must not open what is behind it: each reaches as far as its shorter neighbour.
+    safe = np.minimum(np.minimum(np.roll(reach, 1), reach), np.roll(reach, -1))
+    fan = np.zeros_like(memory.marks)
+    cv2.fillPoly(fan, [_cells(memory, *_ends(view, safe))], 1)
+    inside: Mask = fan > 0
+    return inside
 
 
 def _ends(view: View, reach: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -114,12 +122,12 @@ def _ends(view: View, reach: NDArray[np.float64]) -> tuple[NDArray[np.float64], 
 
 def _cells(memory: Recollection, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.int32]:
     """(k, 2) column and row of points, in OpenCV's order."""
-    columns = np.floor((x - memory.x0) / CELL_M)
-    rows = np.floor((y - memory.y0) / CELL_M)
-    cells: NDArray[np.int32] = np.clip(np.stack((columns, rows), axis=1), 0, SIDE_CELLS - 1).astype(np.int32)
+    points = np.stack((x - memory.x0, y - memory.y0), axis=1)
+    cells: NDArray[np.int32] = np.clip(np.floor(points / CELL_M), 0, SIDE_CELLS - 1).astype(np.int32)
     return cells
 
 
-def _frozen(marks: Marks) -> Marks:
-    marks.flags.writeable = False
-    return marks
+def _fixed(marks: NDArray[np.integer]) -> Marks:
+    fixed: Marks = marks.astype(np.uint8, copy=False)
+    fixed.flags.writeable = False
+    return fixed

@@ -86,8 +86,6 @@ class OperatorState:
     """When the next decision on a cue, or on the way, is due."""
     remembered_ns: int = 0
     way: Way | None = None
-    looked_into: int = 0
-    """Looks from here into the unknown that showed nothing new."""
     still_since_ns: int = 0
     still_pose: Pose2 = field(default_factory=Pose2)
     wander: float = 0.0
@@ -95,7 +93,7 @@ class OperatorState:
     draws: int = 0
 
 
-FIRST_GLANCES = 6
+FIRST_GLANCES = 4
 """Saccades of 60 degrees on average make a full turn."""
 REMEMBER_S = 0.2
 PLAN_S = 1.0
@@ -104,9 +102,8 @@ CUE_LOST_S = 1.0
 """A cue that vanishes may come back: wait this long before going on."""
 AGAIN_S = 3.0
 """If a press of "arm" or "found" had no effect by then, press again."""
-HERE_M = 0.7
-"""Closer than this to an opening one looks instead of going."""
-TRIES = 2
+HERE_M = 0.35
+"""Who is this close to a goal and sees nothing new gives it up."""
 STILL_M = 0.15
 STILL_YAW = 0.2
 GIVE_UP_M = 0.6
@@ -233,22 +230,10 @@ def _think(state: OperatorState, sight: Sight) -> OperatorState:
     if way is None:
         state = replace(state, memory=forget_tries(state.memory), way=None, decide_ns=due_ns)
         return _glance_around(state, FIRST_GLANCES)
-    if way.length_m < HERE_M and way.unknown_yaw is not None:
-        if state.looked_into >= TRIES:
-            memory = give_up(state.memory, *way.goal, GIVE_UP_M)
-            return replace(state, memory=memory, looked_into=0, decide_ns=state.now_ns, way=None)
-        return replace(
-            state,
-            doing=Doing.LOOKING,
-            glances=(way.unknown_yaw,),
-            looked_into=state.looked_into + 1,
-            look_until_ns=0,
-            way=None,
-        )
-    if way.length_m < HERE_M / 2:
+    if way.length_m < HERE_M:
         memory = give_up(state.memory, *way.goal, GIVE_UP_M)
         return replace(state, memory=memory, decide_ns=state.now_ns, way=None)
-    going = replace(state, doing=Doing.GOING, way=way, decide_ns=due_ns, looked_into=0)
+    going = replace(state, doing=Doing.GOING, way=way, decide_ns=due_ns)
     return _keep_looking(going, way, sight)
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from ghal360_robot.simulation.recollection import CELL_M, GIVEN_UP, NEAR, SEEN, SIDE_CELLS, SOLID, Recollection
+from ghal360_robot.simulation.recollection import CELL_M, FLOOR, GIVEN_UP, HIDING, NEAR, SIDE_CELLS, SPACE, Recollection
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 COARSE = 2
 """Ways are sought on cells of 0.2 m; half of a 1.1 m door is still two of them."""
 STEP_M = CELL_M * COARSE
-PASSABLE_M = 0.46
+PASSABLE_M = 0.50
 """Clearance of a way. The robot is a disc of 0.38 m and doors leave 0.55 m; cells blur by 0.07 m."""
-ROOMY_M = 0.80
+ROOMY_M = 0.90
 """People like to keep this far from things where there is room."""
-NARROW_COST = 2.0
+NARROW_COST = 5.0
 """How much longer a way feels at the narrowest than in the open."""
 LEAVE_M = 0.6
 """Within this of the robot also tight floor is passable: it got there, so it gets out."""
@@ -42,19 +42,20 @@ TURN_COST_M = 0.8
 LOYALTY_M = 1.5
 """A new goal must be closer by this than the one that was chosen before."""
 SAME_GOAL_M = 0.8
+SHADOW_CELLS = 3
+AROUND_CELLS = 9
+"""An opening over a desk or beside a chair is looked into from the floor next to it."""
 SIGHT_M = 3.0
 """One looks at most this far along the way to go."""
 
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """Where to go: the goal, the next point to look at and drive to, and what lies unknown beyond the goal."""
+    """Where to go: the goal, and the next point to look at and drive to."""
 
     goal: tuple[float, float]
     waypoint: tuple[float, float]
     length_m: float
-    unknown_yaw: float | None
-    """World direction from the goal into the unknown; None if the goal is only a place to look closer at."""
 
 
 def next_way(memory: Recollection, pose: Pose2, previous: tuple[float, float] | None) -> Way | None:
@@ -63,22 +64,26 @@ def next_way(memory: Recollection, pose: Pose2, previous: tuple[float, float] | 
     `previous` is the goal chosen last.
     """
     clearance = memory.clearance()
-    unknown = ~memory.has(SEEN | SOLID)
-    room = np.where(memory.has(SEEN), clearance, 0.0)
+    room = np.where(memory.has(FLOOR), clearance, 0.0)
     coarse = _pooled(room)
-    beside_unknown = cv2.dilate(unknown.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    openings = beside_unknown & (room >= PASSABLE_M) & ~memory.has(GIVEN_UP)
-    way = _best(memory, pose, coarse, _pooled(openings), previous)
-    if way is None:
-        distant = (room >= PASSABLE_M) & ~memory.has(NEAR | GIVEN_UP)
-        way = _best(memory, pose, coarse, _pooled(distant), previous)
-        into: float | None = None
-    else:
-        into = _into_unknown(memory, unknown, way[-1])
+    usable = (room >= PASSABLE_M) & ~memory.has(GIVEN_UP)
+    way = None
+    for wanted in (_openings(memory) & usable, usable & ~memory.has(NEAR)):
+        way = way or _best(memory, pose, coarse, _pooled(wanted), previous)
     if way is None:
         return None
     length = sum(math.dist(a, b) for a, b in itertools.pairwise(way))
-    return Way(way[-1], _waypoint(memory, clearance, way), length, into)
+    return Way(way[-1], _waypoint(memory, clearance, way), length)
+
+
+def _openings(memory: Recollection) -> Mask:
+    """Cells around the borders between space that was looked into and space that was not."""
+    unknown = (~memory.has(SPACE | HIDING)).astype(np.uint8)
+    # What is thinner than this is the shadow of a lamp, not a room.
+    unknown = cv2.morphologyEx(unknown, cv2.MORPH_OPEN, np.ones((SHADOW_CELLS, SHADOW_CELLS), np.uint8))
+    border = (cv2.dilate(unknown, np.ones((3, 3), np.uint8)) > 0) & memory.has(SPACE) & ~memory.has(HIDING)
+    around: Mask = cv2.dilate(border.astype(np.uint8), np.ones((AROUND_CELLS, AROUND_CELLS), np.uint8)) > 0
+    return around
 
 
 def _pooled(fine: NDArray[np.generic]) -> NDArray[np.generic]:
@@ -187,14 +192,3 @@ def _straight(
         if clearance[memory.cell(x, y)] < PASSABLE_M and i * CELL_M > LEAVE_M:
             return False
     return True
-
-
-def _into_unknown(memory: Recollection, unknown: Mask, goal: tuple[float, float]) -> float | None:
-    """World direction from a goal to the middle of what is unknown right around it."""
-    row, column = memory.cell(*goal)
-    reach = 5
-    top, left = max(row - reach, 0), max(column - reach, 0)
-    rows, columns = np.nonzero(unknown[top : row + reach + 1, left : column + reach + 1])
-    if not rows.size:
-        return None
-    return math.atan2(float(rows.mean()) + top - row, float(columns.mean()) + left - column)

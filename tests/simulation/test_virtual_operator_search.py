@@ -17,7 +17,7 @@ from ghal360_robot.intent.exact import ExactFilter, IntentState
 from ghal360_robot.intent.head_motion import HeadSettings, HeadState, step_head
 from ghal360_robot.messages import Cue, Detection, Detections, Pose2, Twist
 from ghal360_robot.perception.wedges import SceneSettings, SceneState, scene, step_scene
-from ghal360_robot.simulation.eyes import Sight, look
+from ghal360_robot.simulation.eyes import Eyes, Sight
 from ghal360_robot.simulation.virtual_operator import Temper, start, step
 from ghal360_robot.simulation.world import CAMERA_HEIGHT_M, ROBOT_RADIUS_M, Role, World, build_world
 
@@ -72,7 +72,7 @@ def search(world: World, seed: int) -> Search:
     pose, twist = world.start, Twist()
     operator = start(Temper(seed=seed), pose, 0)
     head, belief, drive, cue, seen = HeadState(), IntentState(), DriveState(), CueState(), SceneState()
-    intent_filter, armed, head_yaw, presses = ExactFilter(), False, 0.0, 0
+    eyes, intent_filter, armed, head_yaw, presses = Eyes(world), ExactFilter(), False, 0.0, 0
     points = np.empty((0, 2))
     driven, collisions, least, path = 0.0, 0, math.inf, []
     detections = None
@@ -85,7 +85,7 @@ def search(world: World, seed: int) -> Search:
             points = ranges[:, None] * np.column_stack((np.cos(SCAN_YAWS), np.sin(SCAN_YAWS)))
             points = points[np.isfinite(ranges)]
         if tick * 20 // 50 != (tick - 1) * 20 // 50:
-            view = look(world, pose, head_yaw, operator.temper.fov)
+            view = eyes.look(pose, head_yaw, operator.temper.fov)
             operator, message = step(operator, Sight(view, cue.cue, armed, ready=not armed), now_ns)
             head_yaw = message.head.yaw
             armed = armed or message.arm_presses > presses
