@@ -9,13 +9,13 @@ import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
 import rerun as rr
 
-from . import entities
-from .table import Row, Table, encode, same
+from ghal360_robot.logbook import entities
+from ghal360_robot.logbook.table import Row, Table, encode, same
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from .clock import Anchor
+    from ghal360_robot.logbook.clock import Anchor
 
 TIME, TICK = "t", "tick"
 

@@ -8,7 +8,7 @@ import re
 import pyarrow as pa  # type: ignore[import-untyped]
 import rerun as rr
 
-from .table import BLOB, BOOL, F32, F64, I64, TEXT, U8, U16, U32, Column, Table, own, vector
+from ghal360_robot.logbook.table import BLOB, BOOL, F32, F64, I64, TEXT, U8, U16, U32, Column, Table, own, vector
 
 # An unchanged row is repeated this often, so that a lost row cannot mislead a reader for long.
 KEEPALIVE_NS = 5_000_000_000

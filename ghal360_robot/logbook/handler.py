@@ -7,7 +7,7 @@ import time
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .recorder import Recorder
+    from ghal360_robot.logbook.recorder import Recorder
 
 # A runaway message must not become the recording.
 MAX_TEXT = 4096

@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ghal360_robot.logbook.reader import RunReader
+from ghal360_robot.logbook.rrd import chunk_times
 from ghal360_robot.messages import STILL, Cue
-
-from .reader import RunReader
-from .rrd import chunk_times
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from .records import Tick
+    from ghal360_robot.logbook.records import Tick
 
 NS = 1e9
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from .table import Row
+    from ghal360_robot.logbook.table import Row
 
 # About a minute of video and some minutes of everything else: longer than any disk hiccup worth riding out.
 MAX_BYTES = 256 << 20

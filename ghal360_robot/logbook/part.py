@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 import rerun as rr
 
-from .blueprint import operator_blueprint
-from .errors import RecordingNotWritableError
-from .statics import log_statics
+from ghal360_robot.logbook.blueprint import operator_blueprint
+from ghal360_robot.logbook.errors import RecordingNotWritableError
+from ghal360_robot.logbook.statics import log_statics
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from .statics import Run
+    from ghal360_robot.logbook.statics import Run
 
 # The tick must always win: a flush by bytes of one entity cancels the next tick of all others
 # (fact sheet rerun_and_style, A4, "batcher starvation").

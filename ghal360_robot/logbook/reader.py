@@ -9,6 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ghal360_robot.logbook import scan_values
+from ghal360_robot.logbook.clock import Anchor
+from ghal360_robot.logbook.errors import RecordingNotReadableError
+from ghal360_robot.logbook.records import AccessUnit, CanFrame, Link, Map, Telegram, Text, Truth
+from ghal360_robot.logbook.rrd import PartReader, chunk_rows, ordered_rows
+from ghal360_robot.logbook.tick_rows import read_ticks
 from ghal360_robot.messages import (
     BaseMode,
     BaseState,
@@ -22,20 +28,13 @@ from ghal360_robot.messages import (
     Twist,
 )
 
-from . import scan_values
-from .clock import Anchor
-from .errors import RecordingNotReadableError
-from .records import AccessUnit, CanFrame, Link, Map, Telegram, Text, Truth
-from .rrd import PartReader, chunk_rows, ordered_rows
-from .tick_rows import read_ticks
-
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from types import TracebackType
     from typing import Self
 
-    from .records import Tick
-    from .rrd import StoredRow
+    from ghal360_robot.logbook.records import Tick
+    from ghal360_robot.logbook.rrd import StoredRow
 
 RUN_PROPERTY = "__properties/run"
 ROBOT_PROPERTY = "__properties/robot"

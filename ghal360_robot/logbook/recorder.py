@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Literal
 
-from . import entities, rows, run_folder
-from .clock import Anchor
-from .mailbox import MAX_BYTES, MAX_ENTRIES, Entry, Mailbox
-from .part import PartFile
-from .statics import Mount, Run
-from .writer import Writer
+from ghal360_robot.logbook import entities, rows, run_folder
+from ghal360_robot.logbook.clock import Anchor
+from ghal360_robot.logbook.mailbox import MAX_BYTES, MAX_ENTRIES, Entry, Mailbox
+from ghal360_robot.logbook.part import PartFile
+from ghal360_robot.logbook.statics import Mount, Run
+from ghal360_robot.logbook.writer import Writer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from ghal360_robot.logbook.table import Row
     from ghal360_robot.messages import (
         Applied,
         BaseState,
@@ -35,8 +36,6 @@ if TYPE_CHECKING:
         OperatorInput,
         Pose2,
     )
-
-    from .table import Row
 
 # systemd and the person at the robot both wait for this one.
 CLOSE_TIMEOUT_S = 3.0

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ghal360_robot.logbook import entities, scan_values
+from ghal360_robot.logbook.table import Row
 from ghal360_robot.messages import BaseMode
-
-from . import entities, panorama, scan_values
-from .table import Row
+from ghal360_robot.perception.sphere import PictureSize, SphereBox, parts_of_box, pixel_box
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -29,6 +29,9 @@ if TYPE_CHECKING:
         OperatorInput,
         Pose2,
     )
+
+# Boxes are drawn over a stream of this size.
+PICTURE = PictureSize(1920, 960)
 
 # The picture for the eye: every third beam (1 degree) of every sixth scan (2.5 Hz) is enough to see
 # by, and 1/18 of the size; the exact ranges are in every row.
@@ -50,16 +53,16 @@ def access_unit(
 
 def detections(found: Detections, camera_yaw: float) -> Iterator[Row]:
     drawn = [
-        (box, f"{o.name} {o.score:.2f}", zlib.crc32(o.name.encode()) & 0x7FFF)
+        (part, f"{o.name} {o.score:.2f}", zlib.crc32(o.name.encode()) & 0x7FFF)
         for o in found.objects
-        for box in panorama.boxes(o.yaw, o.pitch, o.width, o.height, camera_yaw=camera_yaw)
+        for part in parts_of_box(pixel_box(SphereBox(o.yaw, o.pitch, o.width, o.height), PICTURE, camera_yaw), PICTURE)
     ]
     yield Row(
         entities.THETA_OBJECTS,
         found.stamp_ns,
         (
-            [box[:2] for box, _, _ in drawn],
-            [box[2:] for box, _, _ in drawn],
+            [(box.left + box.width / 2, box.top + box.height / 2) for box, _, _ in drawn],
+            [(box.width / 2, box.height / 2) for box, _, _ in drawn],
             [label for _, label, _ in drawn],
             [class_id for _, _, class_id in drawn],
             [found.picture],

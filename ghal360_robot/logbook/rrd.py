@@ -15,9 +15,9 @@ import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
 from rerun.chunk import RrdReader
 
-from .batches import TICK, TIME
-from .errors import RecordingNotReadableError
-from .table import BLOB
+from ghal360_robot.logbook.batches import TICK, TIME
+from ghal360_robot.logbook.errors import RecordingNotReadableError
+from ghal360_robot.logbook.table import BLOB
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -30,6 +30,10 @@ FILE_HEADER_BYTES = 12
 MESSAGE_HEADER = struct.Struct("<QQ")
 # The kind of the message that ends a file; the footer follows.
 END = 0
+# The file's last bytes: this mark, then a number of four bytes.
+FOOTER_MARK, FOOTER_MARK_FROM_END = b"RRF2FOOT", 12
+# Kinds are single digits in every version so far. After a power cut a file may end in zeros or in anything.
+MAX_KIND = 15
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,27 +52,38 @@ class PartReader:
         self.path = path
         self.damage: list[str] = []
         self._copy: Path | None = None
-        whole = _whole_bytes(path)
+        end, has_footer = _messages_end(path)
         size = path.stat().st_size
-        if whole < size:
+        if end < size and not has_footer:
             self.damage.append(
-                f"{path.name} is torn: its last {size - whole} bytes belong to a message that was not "
-                "written to its end, everything before it is readable."
+                f"{path.name} is torn: its last {size - end} bytes are not a whole message, "
+                "everything before them is readable."
             )
-            self._copy = _copy_head(path, whole)
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            try:
-                self._reader = RrdReader(str(self._copy or path))
-                has_recording = bool(self._reader.recordings())
-            except (RuntimeError, ValueError, OSError) as error:
-                self.close()
-                raise RecordingNotReadableError(f"{path} cannot be read ({error}).") from error
-        if not has_recording:
-            self.close()
-            raise RecordingNotReadableError(f"{path} holds no recording: it was cut off at its very beginning.")
-        if caught:
+            self._copy = _copy_head(path, end)
+        try:
+            self._open()
+        except RecordingNotReadableError:
+            if not has_footer:
+                raise
+            self.damage.append(f"{path.name} has a damaged end: its table of contents is lost, its rows are not.")
+            self._copy = _copy_head(path, end)
+            self._open()
+        if not has_footer:
             self.damage.append(f"{path.name} was not closed properly: up to half a second may be missing at its end.")
+
+    def _open(self) -> None:
+        try:
+            with warnings.catch_warnings():
+                # A missing footer is told above, in our words.
+                warnings.simplefilter("ignore")
+                self._reader = RrdReader(str(self._copy or self.path))
+                recordings = self._reader.recordings()
+        except (RuntimeError, ValueError, OSError) as error:
+            self.close()
+            raise RecordingNotReadableError(f"{self.path} cannot be read ({error}).") from error
+        if not recordings:
+            self.close()
+            raise RecordingNotReadableError(f"{self.path} holds no recording: it was cut off at its very beginning.")
 
     def chunks(self, entity: str | None = None, components: list[str] | None = None) -> Iterator[Chunk]:
         """Chunks in the file's order. Damage in the middle ends the iteration and is noted."""
@@ -155,8 +170,8 @@ def _integers(array: pa.Array) -> np.ndarray[Any, np.dtype[np.int64]]:
     return np.asarray(array.cast(pa.int64()).to_numpy(zero_copy_only=False), np.int64)
 
 
-def _whole_bytes(path: Path) -> int:
-    """How far into the file its messages are complete; the whole size where nothing is torn."""
+def _messages_end(path: Path) -> tuple[int, bool]:
+    """Where the whole messages of a file end, and whether a footer follows there."""
     size = path.stat().st_size
     with path.open("rb") as file:
         if file.read(FILE_HEADER_BYTES)[: len(MAGIC)] != MAGIC:
@@ -165,12 +180,13 @@ def _whole_bytes(path: Path) -> int:
         while at + MESSAGE_HEADER.size <= size:
             file.seek(at)
             kind, length = MESSAGE_HEADER.unpack(file.read(MESSAGE_HEADER.size))
-            if at + MESSAGE_HEADER.size + length > size:
-                return at
+            if kind > MAX_KIND or length == 0 or at + MESSAGE_HEADER.size + length > size:
+                return at, False
             if kind == END:
-                return size
+                file.seek(size - FOOTER_MARK_FROM_END)
+                return at, file.read(len(FOOTER_MARK)) == FOOTER_MARK
             at += MESSAGE_HEADER.size + length
-    return at
+    return at, False
 
 
 def _copy_head(path: Path, length: int) -> Path:

@@ -10,12 +10,12 @@ from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
-from .errors import RecordingNotWritableError
+from ghal360_robot.logbook.errors import RecordingNotWritableError
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from .statics import Run
+    from ghal360_robot.logbook.statics import Run
 
 PACKAGES = ("ghal360-robot", "rerun-sdk", "numpy", "av", "opencv-python-headless", "python-can")
 

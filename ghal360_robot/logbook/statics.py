@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import rerun as rr
 
-from . import entities
+from ghal360_robot.logbook import entities
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from .clock import Anchor
+    from ghal360_robot.logbook.clock import Anchor
 
 STATE_COLORS: dict[str, tuple[int, int, int]] = {
     "none": (120, 120, 120),

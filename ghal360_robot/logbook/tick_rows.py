@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from ghal360_robot.logbook.records import Tick
+from ghal360_robot.logbook.rows import NO_INTENTION, NO_STAMP
 from ghal360_robot.messages import Applied, ArmState, Cue, Decision, Freshness, Twist
-
-from .records import Tick
-from .rows import NO_INTENTION, NO_STAMP
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from .clock import Anchor
-    from .rrd import StoredRow
+    from ghal360_robot.logbook.clock import Anchor
+    from ghal360_robot.logbook.rrd import StoredRow
 
 CARRIED = (
     "scene/wedges",

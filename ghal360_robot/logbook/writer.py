@@ -7,14 +7,14 @@ import threading
 import time
 from typing import TYPE_CHECKING
 
-from . import rows
-from .batches import BAD_ROW, Batches
-from .errors import RecordingNotWritableError
+from ghal360_robot.logbook import rows
+from ghal360_robot.logbook.batches import BAD_ROW, Batches
+from ghal360_robot.logbook.errors import RecordingNotWritableError
 
 if TYPE_CHECKING:
-    from .clock import Anchor
-    from .mailbox import Mailbox
-    from .part import PartFile
+    from ghal360_robot.logbook.clock import Anchor
+    from ghal360_robot.logbook.mailbox import Mailbox
+    from ghal360_robot.logbook.part import PartFile
 
 # Small bites with pauses, so that a control loop in the same interpreter is never kept waiting long.
 TAKE_PERIOD_S = 0.05
@@ -88,7 +88,7 @@ class Writer:
     def _run(self) -> None:
         try:
             self._work()
-        except Exception as error:  # noqa: BLE001 - a mistake in here must be heard, not end the thread in silence
+        except Exception as error:
             self.failed = f"The recording has ended because of a mistake in the logbook ({error!r})."
             logger.exception("The logbook's writer has failed")
             self._part.close()

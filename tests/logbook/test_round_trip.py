@@ -18,8 +18,7 @@ from ghal360_robot.logbook.reader import RunReader
 from ghal360_robot.logbook.recorder import Recorder
 from ghal360_robot.logbook.statics import Mount
 from ghal360_robot.messages import LinkStats, Pose2
-
-from . import robot
+from tests.logbook import robot
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -19,8 +19,7 @@ from ghal360_robot.logbook.mailbox import ENTRY_BYTES, Entry, Mailbox
 from ghal360_robot.logbook.reader import RunReader
 from ghal360_robot.logbook.recorder import Recorder
 from ghal360_robot.messages import Cue
-
-from . import robot
+from tests.logbook import robot
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -227,22 +226,44 @@ def test_a_killed_process_leaves_a_readable_recording_that_lacks_only_its_last_m
         assert (last_ns - newest_ns) / 1e9 < MAX_LOST_S
 
 
-@pytest.mark.parametrize("cut", [1, 1000, 40_000, 200_000])
-def test_a_torn_file_is_readable_up_to_the_tear(tmp_path: Path, cut: int) -> None:
-    recorder = Recorder(tmp_path, properties={"robot": "7"}, config_toml="")
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """A closed recording with a chunk for each of twelve access units of 60 kB."""
+    recorder = Recorder(tmp_path_factory.mktemp("whole"), properties={"robot": "7"}, config_toml="")
     for k in range(12):
-        recorder.access_unit(T0 + k, bytes([k]) * 30_000 + os.urandom(30_000), k, True, False)
-        written = recorder.stats.written
-        robot.wait_for(lambda written=written: recorder.stats.written > written)  # type: ignore[misc]
+        recorder.access_unit(T0 + k, os.urandom(60_000), k, True, False)
+        robot.wait_for(lambda k=k: recorder.stats.written > k)  # type: ignore[misc]
     recorder.close()
-    path = recorder.folder / "part-000.rrd"
-    os.truncate(path, path.stat().st_size - cut)
+    return (recorder.folder / "part-000.rrd").read_bytes()
+
+
+@pytest.mark.parametrize("cut", [1, 40, 1000, 40_000, 200_000, 600_000])
+def test_a_torn_file_is_readable_up_to_the_tear(tmp_path: Path, whole: bytes, cut: int) -> None:
+    path = tmp_path / "part-000.rrd"
+    path.write_bytes(whole[:-cut])
     with RunReader(path) as reader:
         units = list(reader.access_units())
         assert reader.damage
         assert reader.properties == {"robot": "7"}
+        copies = [part._copy for part in reader.parts]
     assert [unit.sequence for unit in units] == list(range(len(units)))
-    assert len(units) >= 12 - 2 - cut // 30_000
+    assert len(units) >= 12 - 1 - cut // 60_000
+    assert not any(copy is not None and copy.exists() for copy in copies)
+
+
+@pytest.mark.parametrize("filled_with", [bytes, os.urandom])
+@pytest.mark.parametrize("lost", [500, 3000, 30_000, 70_000, 333_333, 700_000])
+def test_an_end_of_zeros_or_rubbish_costs_no_more_than_itself(
+    tmp_path: Path, whole: bytes, filled_with: Callable[[int], bytes], lost: int
+) -> None:
+    """What a power cut leaves: the file has its length, but not its last bytes."""
+    path = tmp_path / "part-000.rrd"
+    path.write_bytes(whole[:-lost] + filled_with(lost))
+    with RunReader(path) as reader:
+        units = list(reader.access_units())
+        assert reader.damage
+    assert [unit.sequence for unit in units] == list(range(len(units)))
+    assert len(units) >= 12 - 1 - lost // 60_000
 
 
 @pytest.mark.parametrize("content", [b"", b"RRF2", b"not a recording at all, but long enough to be one"])
@@ -261,7 +282,7 @@ def test_a_missing_recording_is_one_sentence(tmp_path: Path) -> None:
 
 
 FULL_DISK = """
-import resource, signal, sys, time
+import os, resource, signal, sys, time
 from pathlib import Path
 from ghal360_robot.logbook.reader import RunReader
 from ghal360_robot.logbook.recorder import Recorder
@@ -271,10 +292,11 @@ from tests.logbook import robot
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 recorder = Recorder(Path(sys.argv[1]), run_id="run", properties={}, config_toml="")
 recorder.text(time.monotonic_ns(), "test", "INFO", "before")
+robot.wait_for(lambda: recorder.stats.written == 1)
 resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, resource.RLIM_INFINITY))
 sequence = 0
 while recorder.stats.failed is None:
-    recorder.access_unit(time.monotonic_ns(), bytes(range(250)) * 100, sequence, True, False)
+    recorder.access_unit(time.monotonic_ns(), os.urandom(40_000), sequence, True, False)
     sequence += 1
     time.sleep(0.01)
 print(recorder.stats.failed)
