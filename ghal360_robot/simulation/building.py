@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -171,7 +172,7 @@ def _between(start: float, end: float, cuts: list[tuple[float, float]]) -> Itera
 def _wall_face(frame: Frame, length: float, holes: list[tuple[float, float, float, float]], surface: Surface) -> None:
     """The wall around its holes (middle, width, low, high), in cells for the light."""
     us = sorted({-length / 2, length / 2, *(e for m, w, _, _ in holes for e in (m - w / 2, m + w / 2))})
-    for a, b in zip(us, us[1:], strict=False):
+    for a, b in pairwise(us):
         middle = (a + b) / 2
         hole = next((h for h in holes if abs(middle - h[0]) < h[1] / 2), None)
         spans = [(0.0, CEILING_M)] if hole is None else [(0.0, hole[2]), (hole[3], CEILING_M)]

@@ -180,7 +180,7 @@ class Frame:
         )
         v = np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(radii), np.diff(heights)))))
         uv = np.column_stack((np.tile(angles / math.tau, len(radii)), np.repeat(v / surface.metres, sides + 1)))
-        self._emit(points + (x, y, z), normals, uv, _grid_triangles(sides, len(radii) - 1), surface)
+        self._emit(points + np.array([x, y, z]), normals, uv, _grid_triangles(sides, len(radii) - 1), surface)
 
     def blob(self, x: float, y: float, z: float, radii: Point, surface: Surface, *, power: float = 1.0) -> None:
         """A soft body, bottom at z: an ellipsoid for power 1, more like a pillow below it."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import cv2
@@ -85,7 +86,7 @@ def planks(rng: Generator) -> Picture:
     field = np.empty((size, size))
     edges = np.linspace(0, size, rows + 1).astype(int)
     grain = noise(rng, (size, size), 0.8, 0.04)
-    for low, high in zip(edges, edges[1:], strict=False):
+    for low, high in pairwise(edges):
         shift, cuts = int(rng.integers(size)), sorted(rng.choice(np.arange(2, 14), 2, replace=False) * (size // 16))
         row = np.empty((high - low, size))
         for a, b in zip((0, *cuts), (*cuts, size), strict=True):
@@ -193,7 +194,7 @@ def landscape(rng: Generator) -> Picture:
     picture *= (1.0 + 0.10 * texture * trees)[..., None]
     blend(picture, (v > 0.74).astype(float) * np.ones((1, size)), hsv(84, 0.34, 0.68))
     picture *= (1.0 + 0.03 * noise(rng, (size, size), 0.5) * (v > 0.74))[..., None]
-    return np.clip(cv2.GaussianBlur(picture, (0, 0), 1.2), 0, 1)
+    return np.asarray(np.clip(cv2.GaussianBlur(picture, (0, 0), 1.2), 0, 1))
 
 
 def skyline(rng: Generator) -> Picture:
@@ -217,7 +218,7 @@ def skyline(rng: Generator) -> Picture:
             u += wide
     blend(picture, (v > 0.86).astype(float) * np.ones((1, size)), hsv(90, 0.30, 0.45))
     picture *= (1.0 + 0.10 * noise(rng, (size, size), 0.9) * (v > 0.86))[..., None]
-    return np.clip(cv2.GaussianBlur(picture, (0, 0), 1.0), 0, 1)
+    return np.asarray(np.clip(cv2.GaussianBlur(picture, (0, 0), 1.0), 0, 1))
 
 
 def door(rng: Generator) -> Picture:
@@ -275,7 +276,7 @@ def whiteboard(rng: Generator) -> Picture:
             cv2.line(picture, (u, 18 + 13 * line), (u + wide, 17 + 13 * line), inks[line % 2], 2, cv2.LINE_AA)
             u += wide + 4
     spots = [(155, 30), (215, 35), (185, 70), (150, 100), (225, 98)]
-    for a, b in zip(spots, spots[1:], strict=False):
+    for a, b in pairwise(spots):
         cv2.line(picture, a, b, inks[1], 1, cv2.LINE_AA)
     for index, spot in enumerate(spots):
         cv2.rectangle(picture, (spot[0] - 15, spot[1] - 8), (spot[0] + 15, spot[1] + 8), (0.97, 0.97, 0.97), -1)

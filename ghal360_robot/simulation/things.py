@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -506,9 +507,7 @@ def _leaf(f: Frame, length: float, lift: float, surface: Surface) -> None:
         bend -= math.radians(38)
     widths = [0.012, 0.19 * length, 0.15 * length, 0.0]
     for side in (-1.0, 1.0):
-        for (a, b), (wa, wb) in zip(
-            zip(spine, spine[1:], strict=False), zip(widths, widths[1:], strict=False), strict=True
-        ):
+        for (a, b), (wa, wb) in zip(pairwise(spine), pairwise(widths), strict=True):
             corners = [a, (side * wa, a[1], a[2] + 0.35 * wa), (side * wb, b[1], b[2] + 0.35 * wb), b]
             f.quad(corners, surface)
             f.quad(corners[::-1], surface)
@@ -517,8 +516,8 @@ def _leaf(f: Frame, length: float, lift: float, surface: Surface) -> None:
 def vase(f: Frame, o: WorldObject, _rng: Generator) -> None:
     r, h = o.size[0] / 2, o.size[2]
     glaze = paint("vase", 0.95, 0.90)
-    f.tube(0, 0, 0, [(0.0, 0.0), (r * 0.55, 0.0), (r * 0.95, h * 0.28), (r * 0.98, h * 0.42), (r * 0.5, h * 0.78),
-                     (r * 0.46, h * 0.86), (r * 0.66, h), (r * 0.56, h), (r * 0.36, h * 0.85)], glaze, sides=16)  # fmt: skip
+    outline = [(0.0, 0.0), (0.55, 0.0), (0.95, 0.28), (0.98, 0.42), (0.5, 0.78), (0.46, 0.86), (0.66, 1.0), (0.56, 1.0)]
+    f.tube(0, 0, 0, [(r * wide, h * high) for wide, high in [*outline, (0.36, 0.85)]], glaze, sides=16)
 
 
 def suitcase(f: Frame, o: WorldObject, _rng: Generator) -> None:
