@@ -15,6 +15,7 @@ KEEPALIVE_NS = 5_000_000_000
 
 # Sources of text are code, not wires; the bound only keeps a mistake from filling the entity tree.
 MAX_LOG_SOURCES = 64
+OTHER_SOURCES = "other"
 
 SCALARS = Column(rr.Scalars.descriptor_scalars(), F64)
 STATE = Column(rr.StateChange.descriptor_state(), TEXT)
@@ -188,17 +189,16 @@ ORDER = (
 )
 
 
+_log_tables: dict[str, Table] = {}
+
+
 def log_table(source: str) -> Table:
     """`log/<source>`: text and level. Dots of a logger's name become branches of the tree."""
-    return _log_table("/".join(part for part in re.split(r"[^A-Za-z0-9_-]+", source) if part) or "other")
-
-
-@functools.cache
-def _log_table(path: str) -> Table:
-    if _log_table.cache_info().currsize >= MAX_LOG_SOURCES and path != "other":
-        return _log_table("other")
+    path = "/".join(part for part in re.split(r"[^A-Za-z0-9_-]+", source) if part) or OTHER_SOURCES
+    if path not in _log_tables and len(_log_tables) >= MAX_LOG_SOURCES:
+        path = OTHER_SOURCES
     columns = (Column(rr.TextLog.descriptor_text(), TEXT), Column(rr.TextLog.descriptor_level(), TEXT))
-    return Table(f"log/{path}", columns)
+    return _log_tables.setdefault(path, Table(f"log/{path}", columns))
 
 
 @functools.lru_cache(maxsize=16)

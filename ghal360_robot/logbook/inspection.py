@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+from array import array
 from collections import Counter, defaultdict
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
@@ -16,7 +17,7 @@ from ghal360_robot.logbook.rrd import chunk_times
 from ghal360_robot.messages import STILL, Cue
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -119,11 +120,9 @@ def inspect_run(path: Path) -> RunReport:
 
 def report(reader: RunReader) -> RunReport:
     entities, duration_s = _entities(reader)
-    ticks = list(reader.ticks())
-    ages: dict[str, Sequence[float]] = {
-        name: [(tick.stamp_ns - stamp) / 1e6 for tick in ticks if (stamp := getattr(tick, f"{name}_ns")) is not None]
-        for name in ("base", "scan", "detections", "operator")
-    }
+    tally = _Tally()
+    for tick in reader.ticks():
+        tally.add(tick)
     return RunReport(
         run_id=reader.run_id,
         duration_s=duration_s,
@@ -132,18 +131,79 @@ def report(reader: RunReader) -> RunReport:
         entities=entities,
         video=_video(reader),
         missing_telegrams=_skipped(scan.telegram_counter for scan in reader.scans()),
-        age_ms={name: _spread(values) for name, values in ages.items() if values},
-        lateness_ms=_spread([tick.lateness_ms for tick in ticks]),
-        work_ms=_spread([tick.work_ms for tick in ticks]),
-        decisions=_decisions(ticks, reader),
-        complaints=tuple(
-            itertools.islice(
-                (f"{t.source}: {t.text}" for t in reader.texts() if t.level in ("WARN", "ERROR", "CRITICAL")),
-                MAX_COMPLAINTS,
-            )
-        ),
+        age_ms={name: _spread(ages) for name, ages in tally.age_ms.items() if ages},
+        lateness_ms=_spread(tally.lateness_ms),
+        work_ms=_spread(tally.work_ms),
+        decisions=tally.decisions(_distance_m(reader)),
+        complaints=tuple(itertools.islice(_complaints(reader), MAX_COMPLAINTS)),
         damage=tuple(reader.damage),
     )
+
+
+class _Tally:
+    """What adds up over the ticks, one by one: a long run is never in memory as a whole."""
+
+    def __init__(self) -> None:
+        self.age_ms = {name: array("d") for name in ("base", "scan", "detections", "operator")}
+        self.lateness_ms = array("d")
+        self.work_ms = array("d")
+        self._cues: Counter[str] = Counter()
+        self._intentions: Counter[str] = Counter()
+        self._cue_s: defaultdict[str, float] = defaultdict(float)
+        self._armed_s: defaultdict[str, float] = defaultdict(float)
+        self._stop_s: defaultdict[str, float] = defaultdict(float)
+        self._ticks = 0
+        self._missing = 0
+        self._before: Tick | None = None
+
+    def add(self, tick: Tick) -> None:
+        self.lateness_ms.append(tick.lateness_ms)
+        self.work_ms.append(tick.work_ms)
+        seen = (tick.base_ns, tick.scan_ns, tick.detections_ns, tick.operator_ns)
+        for ages, stamp_ns in zip(self.age_ms.values(), seen, strict=True):
+            if stamp_ns is not None:
+                ages.append((tick.stamp_ns - stamp_ns) / 1e6)
+        self._onsets(tick, self._before)
+        if self._before is not None:
+            self._held(self._before, (tick.stamp_ns - self._before.stamp_ns) / NS)
+            self._missing += max(0, tick.tick - self._before.tick - 1)
+        self._ticks += 1
+        self._before = tick
+
+    def decisions(self, distance_m: float) -> DecisionReport:
+        return DecisionReport(
+            ticks=self._ticks,
+            missing_ticks=self._missing,
+            cues_shown=dict(self._cues),
+            cue_s=_rounded(self._cue_s),
+            intentions=dict(self._intentions),
+            armed_s=_rounded(self._armed_s),
+            distance_m=distance_m,
+            stop_s=_rounded(self._stop_s),
+        )
+
+    def _onsets(self, tick: Tick, before: Tick | None) -> None:
+        cue, intention = tick.decision.cue, tick.decision.intention
+        if cue is not Cue.NONE and (before is None or before.decision.cue is not cue):
+            self._cues[cue.value] += 1
+        if intention is not None and (before is None or before.decision.intention != intention):
+            self._intentions[str(intention)] += 1
+
+    def _held(self, tick: Tick, seconds: float) -> None:
+        """What `tick` decided held until the next one."""
+        self._cue_s[tick.decision.cue.value] += seconds
+        self._armed_s[tick.applied.arm.value] += seconds
+        if tick.applied.twist == STILL and tick.decision.wanted != STILL:
+            for reason in tick.applied.reasons or ("no reason given",):
+                self._stop_s[reason] += seconds
+
+
+def _rounded(seconds: Mapping[str, float]) -> dict[str, float]:
+    return {name: round(value, 3) for name, value in seconds.items()}
+
+
+def _complaints(reader: RunReader) -> Iterator[str]:
+    return (f"{t.source}: {t.text}" for t in reader.texts() if t.level in ("WARN", "ERROR", "CRITICAL"))
 
 
 def _entities(reader: RunReader) -> tuple[tuple[EntityReport, ...], float]:
@@ -201,38 +261,6 @@ def _spread(values: Sequence[float]) -> Spread:
         return Spread(0, 0.0, 0.0, 0.0)
     median, p99 = np.percentile(finite, (50, 99))
     return Spread(len(finite), float(median), float(p99), max(finite))
-
-
-def _decisions(ticks: Sequence[Tick], reader: RunReader) -> DecisionReport:
-    cues: Counter[str] = Counter()
-    intentions: Counter[str] = Counter()
-    cue_s: defaultdict[str, float] = defaultdict(float)
-    armed_s: defaultdict[str, float] = defaultdict(float)
-    stop_s: defaultdict[str, float] = defaultdict(float)
-    before: Tick | None = None
-    for tick, after in itertools.zip_longest(ticks, ticks[1:]):
-        decision, applied = tick.decision, tick.applied
-        held_s = 0.0 if after is None else (after.stamp_ns - tick.stamp_ns) / NS
-        if decision.cue is not Cue.NONE and (before is None or before.decision.cue is not decision.cue):
-            cues[decision.cue.value] += 1
-        if decision.intention is not None and (before is None or before.decision.intention != decision.intention):
-            intentions[str(decision.intention)] += 1
-        cue_s[decision.cue.value] += held_s
-        armed_s[applied.arm.value] += held_s
-        if applied.twist == STILL and decision.wanted != STILL:
-            for reason in applied.reasons or ("no reason given",):
-                stop_s[reason] += held_s
-        before = tick
-    return DecisionReport(
-        ticks=len(ticks),
-        missing_ticks=_skipped(tick.tick for tick in ticks),
-        cues_shown=dict(cues),
-        cue_s={name: round(seconds, 3) for name, seconds in cue_s.items()},
-        intentions=dict(intentions),
-        armed_s={name: round(seconds, 3) for name, seconds in armed_s.items()},
-        distance_m=_distance_m(reader),
-        stop_s={name: round(seconds, 3) for name, seconds in stop_s.items()},
-    )
 
 
 def _distance_m(reader: RunReader) -> float:

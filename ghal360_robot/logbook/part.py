@@ -58,13 +58,15 @@ class PartFile:
             RecordingNotWritableError: the file cannot be created, or takes nothing.
         """
         self.number += 1
+        path = self.path
         try:
-            self.stream.save(self.path, default_blueprint=operator_blueprint())
+            self.stream.save(path, default_blueprint=operator_blueprint())
             log_statics(self.stream, self._run)
             self.stream.flush(timeout_sec=PROBE_TIMEOUT_S)
         except (RuntimeError, OSError, ValueError) as error:
+            self.number -= 1
             raise RecordingNotWritableError(
-                f"The recording {self.path} cannot be written ({error}): make room or choose another place."
+                f"The recording {path} cannot be written ({error}): make room or choose another place."
             ) from error
 
     def death(self) -> str | None:

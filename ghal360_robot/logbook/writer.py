@@ -111,8 +111,9 @@ class Writer:
     def _finish(self) -> None:
         if self.failed is None:
             self._take(self._take_until)
-            self._mailbox.abandon()
-            self._report()
+        self._mailbox.abandon()
+        self._report()
+        if self.failed is None:
             for _ in self.batches.flush():
                 pass
         reason = self._part.close()

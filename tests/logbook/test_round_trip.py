@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
+import math
 import time
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -17,7 +18,7 @@ from ghal360_robot.logbook.handler import LogbookHandler
 from ghal360_robot.logbook.reader import RunReader
 from ghal360_robot.logbook.recorder import Recorder
 from ghal360_robot.logbook.statics import Mount
-from ghal360_robot.messages import LinkStats, Pose2
+from ghal360_robot.messages import Detection, Detections, LinkStats, Pose2
 from tests.logbook import robot
 
 if TYPE_CHECKING:
@@ -239,3 +240,17 @@ def test_closing_twice_and_logging_afterwards_is_harmless(recorder: Recorder, se
         assert recorder.close()
     recorder.text(T0, "loop", "INFO", "too late")
     assert recorder.stats.queued == 0
+
+
+def test_a_box_over_the_seam_is_drawn_on_both_sides_and_stays_one_object(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path, properties={}, config_toml="", mounts={"theta": Mount(yaw=math.pi / 2)})
+    behind_the_camera = Detection("person", 0.9, -math.pi / 2, 0.0, math.pi / 4, math.pi / 4)
+    ahead_of_it = Detection("person", 0.8, math.pi / 2, math.pi / 4, math.pi / 4, math.pi / 4)
+    found = Detections(T0, 1, "painted", (behind_the_camera, ahead_of_it))
+    recorder.detections(found)
+    recorder.close()
+    with RunReader(recorder.folder) as reader:
+        (row,) = reader.rows("theta/objects")
+        assert list(reader.detections()) == [found]
+    centers = np.array(row.values["Boxes2D:centers"])
+    np.testing.assert_allclose(centers, [(1860, 480), (60, 480), (960, 240)], atol=0.01)

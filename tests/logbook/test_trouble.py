@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from ghal360_robot.logbook import entities
 from ghal360_robot.logbook.errors import LogbookError, RecordingNotReadableError
 from ghal360_robot.logbook.mailbox import ENTRY_BYTES, Entry, Mailbox
 from ghal360_robot.logbook.reader import RunReader
@@ -335,3 +336,33 @@ def test_every_cue_has_a_colour_in_the_timeline() -> None:
     from ghal360_robot.logbook.statics import STATE_COLORS
 
     assert {cue.value for cue in Cue} <= STATE_COLORS.keys()
+
+
+def test_a_mistake_in_the_writer_itself_is_told_and_the_file_still_ends_properly(
+    recorder: Recorder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(until: float) -> None:
+        raise ZeroDivisionError
+
+    recorder.text(T0, "loop", "INFO", "before")
+    robot.wait_for(lambda: recorder.stats.written == 1)
+    monkeypatch.setattr(recorder._writer, "_take", broken)
+    robot.wait_for(lambda: recorder.stats.failed is not None)
+    assert "ZeroDivisionError" in (recorder.stats.failed or "")
+    recorder.text(T0, "loop", "INFO", "after")
+    assert not recorder.close()
+    with RunReader(recorder.folder) as reader:
+        assert [text.text for text in reader.texts()] == ["before"]
+        assert reader.damage == []
+
+
+def test_logger_names_out_of_control_do_not_fill_the_tree(recorder: Recorder, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(entities, "_log_tables", {})
+    for k in range(200):
+        recorder.text(T0 + k, f"source.{k}", "INFO", str(k))
+    recorder.close()
+    with RunReader(recorder.folder) as reader:
+        assert (
+            len([entity for entity in reader.entities() if entity.startswith("log/")]) == entities.MAX_LOG_SOURCES + 1
+        )
+        assert [text.text for text in reader.texts()] == [str(k) for k in range(200)]
