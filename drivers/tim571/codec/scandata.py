@@ -11,6 +11,10 @@ from drivers.tim571.codec.fields import Reader, Samples, Writer
 from drivers.tim571.codec.telegram import Telegram
 from drivers.tim571.errors import TimMalformedError
 
+TICKS = 1 << 32
+"""The device's microseconds wrap here, every 71.6 minutes."""
+COUNTS = 1 << 16
+"""Scan and telegram counters wrap here."""
 SCAN_NAMES = ("LMDscandata", "LMDscandatamon")
 _MOST_CHANNELS = 8  # DIST1..5, RSSI1, ANGL1, VANG1: more is damage
 _TAG = 5

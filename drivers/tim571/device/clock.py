@@ -7,7 +7,8 @@ section 5). A telegram arrives a fraction of a millisecond after its transmissio
 
 from __future__ import annotations
 
-TICKS = 1 << 32
+from drivers.tim571.codec.scandata import TICKS
+
 _MOST_DELAY_US = 1_000_000  # 10.9 ms is the longest seen; more means the ticks are not to be trusted
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from drivers.tim571.device.clock import TICKS, ticks_between
+from drivers.tim571.codec.scandata import COUNTS, TICKS
+from drivers.tim571.device.clock import ticks_between
 
-COUNTS = 1 << 16
 RESTART_S = 2.0  # device time and our time may differ by a stalled network, not by more than this
 
 

@@ -60,6 +60,7 @@ class TiM571:
         self._detail = "not opened yet"
         self._identity: Identity | None = None
         self._latest: Scan | None = None
+        self._trouble = ""
         self._restarted = False
         self._fresh = False
         self._connections = 0
@@ -90,7 +91,7 @@ class TiM571:
 
     async def __aenter__(self) -> Self:
         self._task = asyncio.create_task(self._keep_alive(), name="TiM571")
-        self._task.add_done_callback(lambda _task: self._end_mailboxes())
+        self._task.add_done_callback(self._ended)
         return self
 
     async def __aexit__(
@@ -100,18 +101,26 @@ class TiM571:
         if task is not None:
             task.cancel()
             await asyncio.wait({task})
-            if not task.cancelled():
+            if not task.cancelled() and task.exception() is not error:
                 task.result()
 
     async def scans(self) -> AsyncIterator[Scan]:
-        """Scans from now on, until the lidar is closed. A consumer that falls behind gets the newest."""
+        """Scans from now on, until the lidar is closed. A consumer that falls behind gets the newest.
+
+        Raises what `on_telegram` raised, for that ended the link; the lidar's own trouble never does.
+        """
         mailbox = _Mailbox(self.config.queued_scans)
-        if self._task is None or self._task.done():
+        task = self._task
+        if task is None:
             return
+        if task.done():
+            mailbox.end()
         self._mailboxes.add(mailbox)
         try:
             while (scan := await mailbox.take()) is not None:
                 yield scan
+            if not task.cancelled():
+                task.result()
         finally:
             self._mailboxes.discard(mailbox)
 
@@ -120,7 +129,7 @@ class TiM571:
 
         For a single look at the device (`probe`); the context manager repeats it for ever.
         """
-        self._go(LinkState.CONNECTING, "connecting")
+        self._go(LinkState.CONNECTING, f"{self._trouble} Trying now." if self._trouble else "connecting")
         session = await startup.connect(self._make_transport, self._dialects(), self.config, self._listeners)
         try:
             self._dialect = session.dialect
@@ -143,6 +152,7 @@ class TiM571:
                     await self.keep_link()
                 except TimError as error:
                     pause_s = self.config.backoff_first_s if self._fresh else pause_s
+                    self._trouble = str(error)
                     self._go(LinkState.BACKOFF, f"{error} Trying again in {pause_s:g} s.")
                 await asyncio.sleep(pause_s)
                 pause_s = min(2 * pause_s, self.config.backoff_max_s)
@@ -161,6 +171,7 @@ class TiM571:
             self._identity = await startup.identify(session, self.config)
         self._continuity.every = max(1, self._identity.output.every if self._identity.output else 1)
         await startup.subscribe(session, self.config)
+        self._trouble = ""
         self._go(LinkState.STREAMING, f"{session.device} sends scans in {session.dialect}")
 
     async def _watch(self, session: Session) -> None:
@@ -230,7 +241,9 @@ class TiM571:
         for mailbox in self._mailboxes:
             self._dropped += mailbox.put(scan)
 
-    def _end_mailboxes(self) -> None:
+    def _ended(self, task: asyncio.Task[None]) -> None:
+        if not task.cancelled() and (error := task.exception()):
+            self._go(LinkState.CLOSED, f"stopped for good by {type(error).__name__}: {error}")
         for mailbox in self._mailboxes:
             mailbox.end()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from random import Random
 
@@ -20,7 +21,7 @@ class FaultPlan:
     """Chance that it is held back, by up to `delay_s`."""
     delay_s: float = 0.05
     stall: tuple[float, float] | None = None
-    """The connection stays open but no byte comes, as after a pulled cable."""
+    """The connection stays open but no byte comes or goes, as with a pulled cable."""
     unplug: tuple[float, float] | None = None
     """All connections close and new ones are refused."""
 
@@ -49,3 +50,28 @@ def strike(plan: FaultPlan, chance: Random, frame: bytes) -> list[Piece]:
     cuts = sorted(chance.randrange(len(frame)) for _ in range(chance.randrange(1, 4)))
     parts = [frame[a:b] for a, b in zip([0, *cuts], [*cuts, len(frame)], strict=True)]
     return [Piece(pause_s if at == 0 else SEGMENT_PAUSE_S, part) for at, part in enumerate(parts) if part]
+
+
+class Line:
+    """The way to the clients, with the plan's faults from `begin` on."""
+
+    def __init__(self, plan: FaultPlan, seed: int) -> None:
+        self._plan = plan
+        self._chance = Random(seed)  # noqa: S311 - faults, not secrets
+        self._began_s = time.monotonic()
+
+    def begin(self) -> None:
+        """Count the plan's times from now."""
+        self._began_s = time.monotonic()
+
+    @property
+    def dead(self) -> bool:
+        """Whether nothing passes now."""
+        if self._plan.stall is None:
+            return False
+        at_s, for_s = self._plan.stall
+        return at_s <= time.monotonic() - self._began_s < at_s + for_s
+
+    def strike(self, frame: bytes) -> list[Piece]:
+        """What becomes of the next frame."""
+        return strike(self._plan, self._chance, frame)

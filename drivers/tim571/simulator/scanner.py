@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.tim571.codec.commands import OutputContent
-from drivers.tim571.codec.scandata import Channel, ScanData
+from drivers.tim571.codec.scandata import COUNTS, Channel, ScanData
 from drivers.tim571.geometry import (
     BEAM_YAW,
     BEAMS,
@@ -57,6 +57,11 @@ class Revolution:
     tick_us: int
     scan_counter: int
     telegram_counter: int
+
+    def after(self, turns: int) -> Revolution:
+        """The numbers so many revolutions later; both wrap at 65536."""
+        scans, telegrams = self.scan_counter + turns, self.telegram_counter + turns
+        return replace(self, scan_counter=scans % COUNTS, telegram_counter=telegrams % COUNTS)
 
 
 class Scanner:

@@ -7,26 +7,23 @@ import time
 from collections import deque
 from dataclasses import replace
 from pathlib import Path
-from random import Random
 from types import TracebackType
 from typing import Self
 
 from drivers.tim571.codec import scandata
 from drivers.tim571.codec.dialect import Dialect
 from drivers.tim571.codec.fields import pack
-from drivers.tim571.codec.scandata import SCAN_NAMES
-from drivers.tim571.codec.telegram import Receiver, Telegram
-from drivers.tim571.device.clock import TICKS
-from drivers.tim571.device.continuity import COUNTS
+from drivers.tim571.codec.scandata import SCAN_NAMES, TICKS
+from drivers.tim571.codec.telegram import Telegram
 from drivers.tim571.simulator.behaviour import Behaviour, Client, DeviceSettings
-from drivers.tim571.simulator.faults import FaultPlan, strike
+from drivers.tim571.simulator.connection import Connection
+from drivers.tim571.simulator.faults import FaultPlan, Line
 from drivers.tim571.simulator.recording import read_scans
 from drivers.tim571.simulator.scanner import Revolution, Scanner, ScanSource, empty_room
 
 TRANSMIT_DELAY_S = 0.0071  # from the last beam to the transmission, on a real TiM571
 SCAN_COUNTER_LEAD = 2  # the scan counter runs ahead of the telegram counter by 2 to 5
 BEHIND_S = 1.0  # an event loop held up for longer than this loses revolutions, as a real network would
-OUTBOX_FRAMES = 32  # about 2 s of scans: a client slower than that loses scans, not the device its memory
 REMEMBERED_REQUESTS = 256
 
 
@@ -63,11 +60,11 @@ class Tim571Simulator:
             dialect = self._recorded[0].dialect
         self.behaviour = Behaviour(self.settings, Dialect(dialect), fixed_dialect=bool(self._recorded))
         self._scanner = Scanner(source, seed)
-        self._chance = Random(seed)  # noqa: S311 - faults, not secrets
-        self._connections: set[_Connection] = set()
+        self._line = Line(self.faults, seed)
+        self._connections: set[Connection] = set()
         self._server: asyncio.Server | None = None
         self._tasks: list[asyncio.Task[None]] = []
-        self._began_s = self._power_on_s = 0.0
+        self._power_on_s = 0.0
         self._turn: Revolution | None = None
         self._sent = 0
 
@@ -77,17 +74,12 @@ class Tim571Simulator:
         return len(self._connections)
 
     @property
-    def plugged(self) -> bool:
-        """Whether connections are taken."""
-        return self._server is not None
-
-    @property
     def newest(self) -> Revolution | None:
         """The revolution finished last, or None before the first."""
         return self._turn
 
     async def __aenter__(self) -> Self:
-        self._began_s = time.monotonic()
+        self._line.begin()
         self._power_on()
         await self.replug()
         self._tasks = [asyncio.create_task(self._rotate(), name="simulated TiM571")]
@@ -125,9 +117,7 @@ class Tim571Simulator:
         """Take connections again, on the same port."""
         if self._server is None:
             loop = asyncio.get_running_loop()
-            self._server = await loop.create_server(
-                lambda: _Connection(self), self.host, self.port, start_serving=False
-            )
+            self._server = await loop.create_server(self._connection, self.host, self.port, start_serving=False)
             self.port = self._server.sockets[0].getsockname()[1]
             await self._server.start_serving()
 
@@ -136,6 +126,9 @@ class Tim571Simulator:
         await self.unplug()
         self._power_on()
         await self.replug()
+
+    def _connection(self) -> Connection:
+        return Connection(self, Client(self.behaviour.dialect), self._line)
 
     def _power_on(self) -> None:
         self._power_on_s = time.monotonic()
@@ -163,17 +156,13 @@ class Tim571Simulator:
                 self._send_scan(self._turn)
             end_s += period_s
             if now_s - end_s > BEHIND_S:
-                end_s = now_s
+                missed = int((now_s - end_s) / period_s)
+                end_s += missed * period_s
+                self._turn = self._turn and self._turn.after(missed)
 
     def _finish(self, end_s: float) -> Revolution:
-        before = self._turn
-        telegram_counter = (before.telegram_counter + 1) % COUNTS if before else 0
-        return Revolution(
-            end_ns=round(end_s * 1e9),
-            tick_us=self._tick_us(end_s),
-            scan_counter=(telegram_counter + SCAN_COUNTER_LEAD) % COUNTS,
-            telegram_counter=telegram_counter,
-        )
+        before = self._turn or Revolution(0, 0, SCAN_COUNTER_LEAD - 1, -1)
+        return replace(before.after(1), end_ns=round(end_s * 1e9), tick_us=self._tick_us(end_s))
 
     def _tick_us(self, now_s: float) -> int:
         return (round((now_s - self._power_on_s) * 1e6) + self.settings.tick_at_power_on_us) % TICKS
@@ -215,15 +204,20 @@ class Tim571Simulator:
             return replace(self._recorded[(self._sent - 1) % len(self._recorded)], kind="sRA", name=name)
         return self._telegram(self._turn, dialect, "sRA", name)
 
-    def _stalled(self) -> bool:
-        if self.faults.stall is None:
-            return False
-        at_s, for_s = self.faults.stall
-        return at_s <= time.monotonic() - self._began_s < at_s + for_s
+    def joined(self, connection: Connection) -> None:
+        """A connection was opened."""
+        self._connections.add(connection)
+        if self._server is None:  # accepted in the very moment the plug was pulled
+            connection.abort()
 
-    def _hear(self, request: Telegram, connection: _Connection) -> None:
+    def left(self, connection: Connection) -> None:
+        """A connection has closed; whoever was logged in on it is no longer."""
+        self._connections.discard(connection)
+
+    def heard(self, request: Telegram, connection: Connection) -> None:
+        """Answer a request."""
         now_s = time.monotonic()
-        if not self.behaviour.awake(now_s) or self._stalled():
+        if not self.behaviour.awake(now_s) or self._line.dead:
             return
         self.requests.append(request)
         if request.kind == "sRN" and request.name in SCAN_NAMES and not request.body:
@@ -236,60 +230,3 @@ class Tim571Simulator:
 
 def _empty_scan(dialect: Dialect) -> bytes:
     return pack(dialect, "HHIBBHHIIBBBBHIIHHHHHHHH", *[0] * 24)
-
-
-class _Connection(asyncio.Protocol):
-    """One client: what it sends is understood in its dialect or ignored; what it is sent passes the faults."""
-
-    def __init__(self, simulator: Tim571Simulator) -> None:
-        self._simulator = simulator
-        self.client = Client(simulator.behaviour.dialect)
-        self._receiver = Receiver(self.client.dialect)
-        self._outbox: asyncio.Queue[bytes] = asyncio.Queue(OUTBOX_FRAMES)
-        self._can_write = asyncio.Event()
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)  # noqa: S101 - create_server makes no other kind
-        self._transport = transport
-        if not self._simulator.plugged:  # accepted in the very moment the plug was pulled
-            transport.abort()
-        self._can_write.set()
-        self._simulator._connections.add(self)
-        self._sender = asyncio.create_task(self._send())
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        self._simulator._connections.discard(self)
-        self._sender.cancel()
-
-    def pause_writing(self) -> None:
-        self._can_write.clear()
-
-    def resume_writing(self) -> None:
-        self._can_write.set()
-
-    def data_received(self, data: bytes) -> None:
-        for event in self._receiver.feed(data):
-            if isinstance(event, Telegram):
-                self._simulator._hear(event, self)
-        if self._receiver.dialect is not self.client.dialect:
-            self._receiver = Receiver(self.client.dialect)
-
-    def send(self, frame: bytes) -> None:
-        """Queue a frame; a client that doesn't read loses it."""
-        if not self._outbox.full():
-            self._outbox.put_nowait(frame)
-
-    def abort(self) -> None:
-        """Close without ceremony."""
-        self._transport.abort()
-
-    async def _send(self) -> None:
-        simulator = self._simulator
-        while True:
-            frame = await self._outbox.get()
-            for piece in strike(simulator.faults, simulator._chance, frame):
-                if piece.pause_s:
-                    await asyncio.sleep(piece.pause_s)
-                await self._can_write.wait()
-                if not simulator._stalled():
-                    self._transport.write(piece.data)

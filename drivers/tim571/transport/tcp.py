@@ -30,6 +30,8 @@ class TcpTransport:
     def __init__(
         self, host: str = DEFAULT_HOST, port: int = DEFAULT_PORT, connect_timeout_s: float = CONNECT_TIMEOUT_S
     ) -> None:
+        if not 0 < port < 1 << 16:
+            raise ValueError(f"{port} is no TCP port; a TiM571 serves 2111 and 2112")
         self._host = host
         self._port = port
         self._connect_timeout_s = connect_timeout_s
@@ -56,7 +58,7 @@ class TcpTransport:
                 f"TiM571 at {self.name} refuses the connection: the address answers but nothing listens on that"
                 " port; a TiM571 serves ports 2111 and 2112, and needs up to 30 s after power-on."
             ) from error
-        except socket.gaierror as error:
+        except (socket.gaierror, UnicodeError) as error:
             raise TimUnreachableError(
                 f"TiM571 at {self.name} cannot be found: {self._host} is not a known host name; give its IP"
                 f" address ({DEFAULT_HOST} as delivered)."

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from drivers.tim571.codec import commands
 from drivers.tim571.codec.deframer import MAX_PAYLOAD, Damage, Deframer, Frame
-from drivers.tim571.codec.dialect import Dialect, frame
+from drivers.tim571.codec.dialect import Dialect, checksum, frame
 
 GOOD = {d: commands.read(d, "FirmwareVersion").to_wire() for d in Dialect}
 HARD_BYTES = st.sampled_from([b"\x02", b"\x03", b"\x02\x02\x02\x02", b"\x00\x00", b"sRN", b"sRA x", b" ", b"\x00\x05"])
@@ -37,7 +37,7 @@ def everything(dialect: Dialect, chunks: list[bytes]) -> list[Frame | Damage]:
 
 
 @given(data=st.data())
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 @pytest.mark.parametrize("dialect", list(Dialect), ids=str)
 def test_events_do_not_depend_on_how_the_stream_is_cut(dialect: Dialect, data: st.DataObject) -> None:
     stream = b"".join(data.draw(pieces_of(dialect)))
@@ -49,7 +49,7 @@ def test_events_do_not_depend_on_how_the_stream_is_cut(dialect: Dialect, data: s
 
 
 @given(data=st.data())
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 @pytest.mark.parametrize("dialect", list(Dialect), ids=str)
 def test_a_good_frame_behind_any_damage_is_delivered(dialect: Dialect, data: st.DataObject) -> None:
     damage = b"".join(data.draw(pieces_of(dialect)))
@@ -63,9 +63,11 @@ def test_a_good_frame_behind_any_damage_is_delivered(dialect: Dialect, data: st.
 @pytest.mark.parametrize("dialect", list(Dialect), ids=str)
 def test_every_byte_is_a_frame_or_damage_or_padding(dialect: Dialect, data: st.DataObject) -> None:
     stream = b"".join(data.draw(pieces_of(dialect)))
-    sizes = [len(e.data) if isinstance(e, Frame) else e.size for e in everything(dialect, [stream])]
+    events = everything(dialect, [stream])
+    sizes = [len(event.data) if isinstance(event, Frame) else event.size for event in events]
     padding = sum(stream.count(byte) for byte in (b"\x00", b"\r", b"\n", b" "))
-    assert len(stream) - padding <= sum(sizes) <= len(stream)
+    shared = 10 * sum(isinstance(event, Frame) for event in events)
+    assert len(stream) - padding <= sum(sizes) <= len(stream) + shared
 
 
 @given(noise=st.binary(max_size=4000))
@@ -105,6 +107,17 @@ def test_a_truncated_frame_is_dropped_even_if_the_checksum_happens_to_match() ->
     good = GOOD[Dialect.B]
     swallowing = frame(Dialect.B, b"sRN half" + good)
     assert everything(Dialect.B, [swallowing]) == [Damage("truncated", 16), Frame(0, good), Damage("noise", 1)]
+
+
+def test_a_cut_frame_whose_end_falls_into_the_next_header_by_a_lucky_checksum_does_not_hide_it() -> None:
+    good = GOOD[Dialect.B]
+    for reach in range(1, 10):
+        payload = b"sRN Cut" + good[: reach - 1]
+        fill = next(f for f in range(256) if checksum(payload + bytes([f])) == good[reach - 1])
+        cut = b"\x02\x02\x02\x02\x00\x00\x00" + bytes([8 + reach - 1]) + b"sRN Cut" + bytes([fill])
+        for chunks in ([cut + good], [cut, good], [bytes([byte]) for byte in cut + good]):
+            frames = [event.data for event in everything(Dialect.B, chunks) if isinstance(event, Frame)]
+            assert frames == [cut + good[:reach], good]
 
 
 def test_the_magic_inside_a_payload_is_payload() -> None:

@@ -272,8 +272,8 @@ async def test_a_client_that_does_not_read_costs_no_memory(terminal: Connect, un
         await client.ask(b"\x02sEN LMDscandata 1\x03")
         (connection,) = simulator._connections
         client.writer.transport.pause_reading()
-        await until(connection._outbox.full)
-        assert connection._transport.get_write_buffer_size() < 1 << 18
+        await until(connection.outbox.full)
+        assert connection.unsent < 1 << 18
 
 
 @pytest.mark.parametrize("name", ["tim561_cola_a.rec", "tim781s_cola_b.rec"])
