@@ -348,3 +348,38 @@ async def test_it_survives_hostile_clients(terminal: Connect) -> None:
         async with asyncio.timeout(5):
             while (await client.next()).name != "FirmwareVersion":
                 pass
+
+
+def test_a_held_back_frame_keeps_its_bytes() -> None:
+    (piece,) = strike(FaultPlan(delay=1.0, delay_s=0.5), Random(2), b"abc")
+    assert piece.data == b"abc"
+    assert 0 < piece.pause_s < 0.5
+
+
+async def test_it_serves_alone_until_cancelled(terminal: Connect, until: Any) -> None:
+    simulator = Tim571Simulator(dialect="b")
+    alone = asyncio.create_task(simulator.serve_forever())
+    await until(lambda: simulator.newest is not None)
+    client = await terminal(simulator.port, Dialect.B)
+    assert (await client.ask(commands.read(Dialect.B, "SCdevicestate"))).body == b"\x01"
+    with pytest.raises(OSError, match="in use"):
+        await Tim571Simulator(port=simulator.port).serve_forever()
+    alone.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await alone
+    with pytest.raises(ConnectionRefusedError):
+        await terminal(simulator.port, Dialect.B)
+
+
+async def test_a_world_that_fails_is_not_hidden(terminal: Connect, until: Any) -> None:
+    def broken_world(_stamp_ns: int) -> Any:
+        raise ZeroDivisionError("the world ends here")
+
+    simulator = Tim571Simulator(broken_world)
+    alone = asyncio.create_task(simulator.serve_forever())
+    await until(lambda: simulator.newest is not None)
+    client = await terminal(simulator.port, Dialect.A)
+    client.writer.write(b"\x02sEN LMDscandata 1\x03")
+    with pytest.raises(ZeroDivisionError, match="the world ends here"):
+        async with asyncio.timeout(5):
+            await alone
