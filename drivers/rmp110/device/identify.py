@@ -6,6 +6,7 @@ Nothing sent here can move a base of dialect B2 or B3: polls, command 30, and wr
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 
 from drivers.rmp110.codec.assembler import Packet, ReplyCollector
 from drivers.rmp110.codec.commands import POLL, configure, force_config_feedback
@@ -45,6 +46,14 @@ SILENT = (
 )
 
 
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """What followed a request: whether anything did, and the packet where it came whole."""
+
+    heard: bool
+    packet: Packet | None = None
+
+
 async def listen(link: Link) -> None:
     """Hear whether somebody else commands the base before sending anything. Raises RmpForeignCommands."""
     await link.pause(LISTEN_S)
@@ -54,10 +63,11 @@ async def probe(link: Link) -> bool:
     """Whether polls are answered. A base whose feedback bitmaps are all zero does not, and is still there."""
     for _ in range(PROBES):
         collector = _collect(link)
-        if link.try_send(POLL) and await link.wait(lambda c=collector: c.started, PROBE_PERIOD_S):  # type: ignore[misc]
+        if not link.try_send(POLL):
+            await link.pause(PROBE_PERIOD_S)
+        elif await link.wait(lambda c=collector: c.started, PROBE_PERIOD_S):  # type: ignore[misc]
             await _until_quiet(link, collector)
             return True
-        await link.pause(PROBE_PERIOD_S / 2)
     return False
 
 
@@ -66,24 +76,30 @@ async def read_stored(link: Link) -> tuple[Dialect, Stored]:
 
     Raises RmpSilent, RmpUnsupported.
     """
-    await _ask(link, force_config_feedback(on=True))
     try:
-        previous: Packet | None = None
-        for _ in range(READ_ATTEMPTS):
-            packet = await _ask(link, POLL)
-            if packet and previous and packet.words == previous.words:
-                break
-            previous = packet or previous
-        else:
-            if previous is None:
-                raise RmpSilent(SILENT)
-            raise RmpUnsupported("the base's configuration replies differ from each other: frames get lost on the bus")
-    finally:
+        words = await _read_words(link)
+    except BaseException:
         # Whatever happened: never leave the base answering with parameters instead of its state.
-        link.consumer = lambda _stamp, _frame: None
         link.farewell(force_config_feedback(on=False))
-    await link.pause(REPLY_TIMEOUT_S / 2)
-    return _interpret(packet.words)
+        raise
+    await _ask(link, force_config_feedback(on=False))
+    return _interpret(words)
+
+
+async def _read_words(link: Link) -> tuple[int, ...]:
+    """The configuration reply, once two in a row are the same."""
+    before = await _ask(link, force_config_feedback(on=True))
+    words: tuple[int, ...] | None = None
+    for _ in range(READ_ATTEMPTS):
+        reply = await _ask(link, POLL)
+        if not (reply.heard or before.heard):
+            raise RmpSilent(SILENT)
+        before = reply
+        if reply.packet:
+            if reply.packet.words == words:
+                return words
+            words = reply.packet.words
+    raise RmpUnsupported("the base's configuration replies differ from each other: frames get lost on the bus")
 
 
 def _interpret(words: tuple[int, ...]) -> tuple[Dialect, Stored]:
@@ -105,7 +121,7 @@ def _interpret(words: tuple[int, ...]) -> tuple[Dialect, Stored]:
 
 async def read_mode(link: Link, layout: Layout) -> OperationalState:
     """The mode the base reports; UNKNOWN where its feedback set does not tell."""
-    packet = await _ask(link, POLL)
+    packet = (await _ask(link, POLL)).packet
     if packet is None or len(packet.words) < len(layout.words) or layout.missing(["operational_state"]):
         return OperationalState.UNKNOWN
     return OperationalState.of(int(layout.decode(packet.words)["operational_state"]))
@@ -173,15 +189,15 @@ def _collect(link: Link) -> ReplyCollector:
     return collector
 
 
-async def _ask(link: Link, request: Frame) -> Packet | None:
-    """One request and its reply, of whatever length; None where it did not come, or not whole."""
+async def _ask(link: Link, request: Frame) -> Reply:
+    """One request and its reply, of whatever length."""
     collector = _collect(link)
     if not link.try_send(request):
         await link.pause(REPLY_TIMEOUT_S)
-        return None
+        return Reply(heard=False)
     await link.wait(lambda: collector.started, REPLY_TIMEOUT_S)
     await _until_quiet(link, collector)
-    return collector.finish()
+    return Reply(collector.started, collector.finish())
 
 
 async def _until_quiet(link: Link, collector: ReplyCollector) -> None:

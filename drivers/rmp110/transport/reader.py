@@ -13,7 +13,7 @@ import can
 
 log = logging.getLogger(__name__)
 
-POLL_S = 0.05
+POLL_S = 0.02
 """How long a wait for frames may outlast `stop`."""
 JOIN_S = 2.0
 """A reader that is not out of its wait by then hangs in a kernel call and is left behind (it is a daemon)."""

@@ -47,7 +47,9 @@ def test_a_packet_is_whole_and_never_mixed(stream: list[tuple[int, Frame]]) -> N
             assert done.last_ns - done.first_ns < PACKET_TIMEOUT_NS
 
 
-@given(st.lists(st.tuples(st.integers(-(2**63), 2**63), st.builds(Frame, st.integers(0, 0x7FF), st.binary(max_size=8)))))
+@given(
+    st.lists(st.tuples(st.integers(-(2**63), 2**63), st.builds(Frame, st.integers(0, 0x7FF), st.binary(max_size=8))))
+)
 def test_garbage_is_counted_and_never_raises(stream: list[tuple[int, Frame]]) -> None:
     assembler = Assembler(COUNT)
     collector = ReplyCollector()

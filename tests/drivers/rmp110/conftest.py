@@ -1,0 +1,86 @@
+"""A simulated base on a bus, and transports that reach it."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import os
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+
+import pytest
+
+from drivers.rmp110 import CanTransport, Rmp110Config
+from drivers.rmp110.codec.feedback import COMPACT_BITMAPS, Dialect
+from drivers.rmp110.codec.parameters import RMP110_STORED, Stored
+from drivers.rmp110.device import identify
+from drivers.rmp110.simulator.faults import FaultPlan
+from drivers.rmp110.simulator.model import RmpModel
+from drivers.rmp110.simulator.serve import SimulatedRmp, serve
+
+_channels = itertools.count()
+COMPACT_STORED = {f"feedback_bitmap_{n}": word for n, word in enumerate(COMPACT_BITMAPS, start=1)}
+
+
+@dataclass
+class Rig:
+    """A running simulated base and the way to it."""
+
+    sim: SimulatedRmp
+    interface: str
+    channel: str
+
+    def transport(self) -> CanTransport:
+        if self.interface == "socketcand":
+            return CanTransport("socketcand", self.channel, host="127.0.0.1", port=self.sim.port)
+        return CanTransport(self.interface, self.channel)
+
+
+@asynccontextmanager
+async def make_rig(
+    interface: str = "virtual",
+    *,
+    stored: dict[str, float] | None = None,
+    compact: bool = True,
+    boot_s: float = 0.0,
+    dialect: Dialect = Dialect.B2,
+    plan: FaultPlan | None = None,
+) -> AsyncIterator[Rig]:
+    channel = f"rmp110-test-{os.getpid()}-{next(_channels)}"
+    values = {**RMP110_STORED, **(COMPACT_STORED if compact else {}), **(stored or {})}
+    model = RmpModel(time.monotonic_ns(), Stored.of(values), boot_s=boot_s, dialect=dialect)
+    async with serve(interface, channel, model=model, plan=plan) as sim:
+        yield Rig(sim, interface, channel)
+
+
+@pytest.fixture(name="rig")
+def rig_maker() -> object:
+    """`async with rig(...) as it:` with a bus of its own for every test."""
+    return make_rig
+
+
+@pytest.fixture
+def config() -> Rmp110Config:
+    return Rmp110Config(backoff_s=(0.05, 0.1))
+
+
+@pytest.fixture
+def short_listening(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Most tests have nobody else on the bus."""
+    monkeypatch.setattr(identify, "LISTEN_S", 0.05)
+
+
+async def until(condition: Callable[[], object], timeout_s: float = 5.0) -> None:
+    """Wait for a condition; fails the test where it does not come true."""
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        if time.monotonic() > deadline:
+            pytest.fail(f"not within {timeout_s} s")
+        await asyncio.sleep(0.005)
+
+
+@pytest.fixture(name="until")
+def until_fixture() -> object:
+    return until
