@@ -50,8 +50,8 @@ class Style:
 
 
 CARPET = Surface("carpet", (0.47, 0.49, 0.52), 1.2)
-OAK_FLOOR = Surface("planks", (0.86, 0.74, 0.605), 2.4)
-WALNUT_FLOOR = Surface("planks", (0.70, 0.585, 0.475), 2.4)
+OAK_FLOOR = Surface("planks", (0.86, 0.752, 0.638), 2.4)
+WALNUT_FLOOR = Surface("planks", (0.69, 0.598, 0.510), 2.4)
 TILES = Surface("tiles", (0.86, 0.85, 0.83), 1.6)
 
 STYLES: dict[str, Style] = {
@@ -261,7 +261,7 @@ def illuminate(
     points: NDArray[np.float64], normals: NDArray[np.float64], lights: list[Light], room: Room | None
 ) -> NDArray[np.float64]:
     """Brightness (n,) of surface points: sky and bounce, lamps, windows, and the gloom of corners and floors."""
-    brightness = 0.62 + 0.04 * normals[:, 0] + 0.025 * normals[:, 1]
+    brightness = 0.72 + 0.04 * normals[:, 0] + 0.025 * normals[:, 1]
     # A ceiling lives from what the floor throws back.
     brightness += np.where(normals[:, 2] < -0.7, 0.20, 0.0)
     for light in lights:

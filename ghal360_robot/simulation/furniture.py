@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from ghal360_robot.simulation.objects import CATALOGUE, WorldObject, thing
 
 if TYPE_CHECKING:
     from numpy.random import Generator
+
+    from ghal360_robot.simulation.rooms import FloorPlan
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,6 +20,19 @@ class Furnished:
 
     items: tuple[WorldObject, ...]
     television_places: tuple[WorldObject, ...]
+
+    def mirrored(self, plan: FloorPlan, *, left_right: bool, front_back: bool) -> Furnished:
+        """The same furniture in the mirrored building; each thing keeps its own shape."""
+
+        def turn(item: WorldObject) -> WorldObject:
+            x, y, yaw = item.x, item.y, item.yaw
+            if left_right:
+                x, yaw = plan.width - x, -yaw
+            if front_back:
+                y, yaw = plan.depth - y, math.pi - yaw
+            return replace(item, x=x, y=y, yaw=math.remainder(yaw, math.tau))
+
+        return Furnished(tuple(map(turn, self.items)), tuple(map(turn, self.television_places)))
 
 
 def local(x: float, y: float, yaw: float, right: float, back: float) -> tuple[float, float]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import struct
 import sys
 import threading
@@ -181,6 +182,8 @@ def main() -> None:
     """Entry of the process: `picture_process ORDER OUTPUT_DESCRIPTOR`."""
     order, output = Order.from_json(sys.argv[1]), int(sys.argv[2])
     os.nice(NICENESS)
+    # Ctrl-C is for the parent; this process ends when its input does.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     cv2.setNumThreads(1)
     try:
         scenery = FolderScenery(order) if order.files else RenderedScenery(order)

@@ -32,6 +32,8 @@ WALK_M = (4.6, 8.2)
 """Walk from the start to the arrival, measured on the grid (which overstates by up to 8 %)."""
 DOORWAY_M = 0.95
 """Nothing movable stands closer than this to the middle of a doorway."""
+FACING_ITS_USER = ("laptop",)
+"""Things that are put down so that someone in front of them can use them."""
 TRIES = 400
 
 
@@ -193,6 +195,9 @@ class Scene:
         away = self.points - (item.x, item.y)
         distance = np.hypot(away[:, 0], away[:, 1])
         near = (distance < APPROACH_M) & (distance > 0.7) & (self.clearance.ravel() > COMFORT_M)
+        if item.name in FACING_ITS_USER:
+            front = math.sin(item.yaw) * away[:, 0] - math.cos(item.yaw) * away[:, 1]
+            near &= front > 0.5 * distance
         if near.sum() < 12:
             return False
         places = self.points[near]

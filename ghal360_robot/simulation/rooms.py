@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 WALL_THICKNESS_M = 0.12
@@ -94,6 +94,39 @@ class FloorPlan:
 
     def room(self, name: str) -> Room:
         return next(room for room in self.rooms if room.name == name)
+
+    def mirrored(self, *, left_right: bool, front_back: bool) -> FloorPlan:
+        """The same building seen in a mirror, along x, along y, or both."""
+
+        def x(value: float) -> float:
+            return self.width - value if left_right else value
+
+        def y(value: float) -> float:
+            return self.depth - value if front_back else value
+
+        sides: dict[Side, Side] = {}
+        sides |= {"e": "w", "w": "e"} if left_right else {}
+        sides |= {"n": "s", "s": "n"} if front_back else {}
+
+        def room(one: Room) -> Room:
+            (x0, x1), (y0, y1) = sorted((x(one.x0), x(one.x1))), sorted((y(one.y0), y(one.y1)))
+            return Room(one.name, x0, y0, x1, y1)
+
+        def wall(one: Wall) -> Wall:
+            (x0, x1), (y0, y1) = sorted((x(one.x0), x(one.x1))), sorted((y(one.y0), y(one.y1)))
+            return Wall(x0, y0, x1, y1)
+
+        def opening(one: Opening) -> Opening:
+            along = x(one.along) if one.side in {"n", "s"} else y(one.along)
+            return replace(one, side=sides.get(one.side, one.side), along=along)
+
+        return replace(
+            self,
+            rooms=tuple(map(room, self.rooms)),
+            walls=tuple(map(wall, self.walls)),
+            doors=tuple(replace(door, x=x(door.x), y=y(door.y)) for door in self.doors),
+            openings=tuple(map(opening, self.openings)),
+        )
 
     def wall_boxes(self) -> tuple[tuple[float, float, float, float], ...]:
         """The solid pieces between the doors, each x0, y0, x1, y1."""

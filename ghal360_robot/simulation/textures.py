@@ -304,7 +304,7 @@ def television(rng: Generator) -> Picture:
     """A film in violet: a stage with beams of light and a crowd."""
     height, width = 128, 256
     v, u = np.linspace(0, 1, height)[:, None], np.linspace(0, 1, width)[None, :]
-    light = 0.58 + 0.10 * noise(rng, (height, width), 1.6)
+    light = 0.66 + 0.12 * noise(rng, (height, width), 1.6)
     for centre in (0.2, 0.42, 0.63, 0.84):
         lean = float(rng.uniform(-0.25, 0.25))
         light += 0.34 * np.exp(-(((u - centre - lean * v) / (0.03 + 0.05 * v)) ** 2)) * (1 - 0.5 * v)

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 Builder = Callable[[Frame, "WorldObject", "Generator"], None]
 
-OAK: Colour = (0.83, 0.715, 0.585)
-WALNUT: Colour = (0.50, 0.41, 0.345)
+OAK: Colour = (0.83, 0.722, 0.612)
+WALNUT: Colour = (0.50, 0.426, 0.368)
 ASH: Colour = (0.78, 0.73, 0.66)
 LACQUER: Colour = (0.93, 0.93, 0.92)
 CHARCOAL: Colour = (0.235, 0.24, 0.25)
@@ -33,6 +33,9 @@ FABRICS: tuple[Colour, ...] = ((0.50, 0.53, 0.57), (0.47, 0.54, 0.48), (0.66, 0.
 
 
 def timber(colour: Colour, metres: float = 0.8) -> Surface:
+    """Wood of a colour; lacquer hides its grain."""
+    if colour == LACQUER:
+        return Surface("plain", colour)
     return Surface("wood", colour, metres)
 
 

@@ -97,11 +97,13 @@ def build_world(name: WorldName | str, seed: int, target: str = "backpack") -> W
     plan, furnish = LAYOUTS[name]
     for draw in range(DRAWS):
         rng = np.random.default_rng([seed, draw, len(name), TARGETS.index(target)])
-        furnished = furnish(rng)
-        scene = Scene(plan, list(furnished.items), rng)
+        left_right, front_back = (bool(rng.integers(2)) for _ in range(2))
+        drawn = plan.mirrored(left_right=left_right, front_back=front_back)
+        furnished = furnish(rng).mirrored(plan, left_right=left_right, front_back=front_back)
+        scene = Scene(drawn, list(furnished.items), rng)
         try:
             start = scene.fill(target, furnished.television_places)
         except NoRoomError:
             continue
-        return World(name, seed, plan, tuple(scene.objects), start, target)
+        return World(name, seed, drawn, tuple(scene.objects), start, target)
     raise RuntimeError(f"Found no way to furnish the {name} with seed {seed} and target {target}; use another seed.")
