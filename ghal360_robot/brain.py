@@ -23,6 +23,9 @@ from ghal360_robot.trail import Trail
 if TYPE_CHECKING:
     from ghal360_robot.messages import Inputs
 
+TURNS = (Cue.LEFT, Cue.RIGHT)
+"""Cues that driving waits for. A confirm asks for no turn: for a closer look the operator may drive up to it."""
+
 NO_SCENE = Scene(allocentric=(EMPTY,) * N_WEDGES, target_yaw=None, target_score=0.0)
 MAX_SILENCE_S = 1.5
 """An operator who was silent for longer may have looked anywhere: the belief starts afresh."""
@@ -127,7 +130,7 @@ class Brain:
             gaze=gaze,
             pose=state.trail.at(inputs.stamp_ns),
             measured=inputs.base.twist,
-            cue_shown=cue is not Cue.NONE and not self.drive_while_guiding,
+            cue_shown=cue in TURNS and not self.drive_while_guiding,
             points=None if scan is None else scan_points(scan.ranges, scan.yaw, self.lidar),
         )
         return replace(state, drive=drive), drive.twist, drive.reasons

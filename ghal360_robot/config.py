@@ -26,7 +26,8 @@ class _Section(BaseModel):
 
 
 class RobotSection(_Section):
-    name: str = Field("ghal360", min_length=1, max_length=64, description="Shown in recordings and on the page")
+    name: str = Field("ghal360", min_length=1, max_length=64, description="Shown in recordings")
+    startup_s: float = Field(15.0, ge=1, le=300, description="A device that is not there by then ends the run")
 
 
 class ThetaSection(_Section):
@@ -75,7 +76,9 @@ class PerceptionSection(_Section):
 
 
 class GuidanceSection(_Section):
-    policy: Literal["plan", "rule", "fgs", "none"] = Field("plan", description="How cues are chosen")
+    policy: Literal["plan", "rule", "fgs", "fgs-right", "fgs-clutter", "none"] = Field(
+        "plan", description="How cues are chosen"
+    )
 
 
 class IntentSection(_Section):

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path  # noqa: TC003  (typer reads the annotation at run time)
+from pathlib import Path
+from typing import Annotated
 
 import typer
 
@@ -20,7 +21,10 @@ def check(path: Path) -> None:
 
 
 @app.command(epilog="Example: ghal360 config show robot.toml --json")
-def show(path: Path | None = typer.Argument(None), as_json: bool = typer.Option(False, "--json")) -> None:
+def show(
+    path: Annotated[Path | None, typer.Argument(help="robot.toml; defaults without")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on the last line of stdout")] = False,
+) -> None:
     """Print the effective settings: the file's, and the defaults for the rest."""
     data = load_config(path).model_dump(mode="json")
     if as_json:

@@ -9,12 +9,19 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
+from drivers.rmp110.errors import RmpError
+from drivers.theta_v.errors import ThetaError
+from drivers.tim571.errors import TimError
 from ghal360_robot import __version__
 from ghal360_robot.cli import config, demo, inspect, pictures, probe, run, simulate
 from ghal360_robot.errors import GhalError
+from ghal360_robot.logbook.errors import LogbookError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+SENTENCES = (GhalError, LogbookError, RmpError, ThetaError, TimError)
+"""Errors whose text is for the person at the robot; anything else is a bug and keeps its traceback."""
 
 app = typer.Typer(
     name="ghal360",
@@ -56,9 +63,9 @@ def guarded(command: Callable[[], None]) -> int:
     """Run a command; a GhalError becomes its sentence on stderr and its exit status."""
     try:
         command()
-    except GhalError as error:
+    except SENTENCES as error:
         Console(stderr=True, highlight=False, soft_wrap=True).print(f"[bold red]error:[/] {escape(str(error))}")
-        return error.exit_status
+        return error.exit_status if isinstance(error, GhalError) else 1
     except KeyboardInterrupt:
         return 130
     return 0

@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from ghal360_robot.errors import UsageError
-from ghal360_robot.messages import Pose2
+from ghal360_robot.messages import HeadPose, OperatorInput, Pose2
 from ghal360_robot.simulation.plant import Body
 
 if TYPE_CHECKING:
@@ -53,6 +53,8 @@ class Scenario:
     camera_images: str | None = None
     lidar_replay: str | None = None
     lidar_dialect: str = "b"
+    operator: bool = False
+    """Whether a virtual operator sits in front of the picture."""
     cuts: tuple[Cut, ...] = field(default_factory=tuple)
 
     @classmethod
@@ -76,11 +78,18 @@ class Truth:
     stamp_ns: int
     body: Body
     camera: dict[str, float] = field(default_factory=dict)
+    target_in_view: bool | None = None
+    """Whether the target was really in view when the virtual operator pressed "found"; None before."""
 
     @classmethod
     def from_json(cls, data: dict[str, Any]) -> Truth:
         body = data["body"]
-        return cls(data["stamp_ns"], Body(**{**body, "pose": Pose2(**body["pose"])}), data["camera"])
+        return cls(**{**data, "body": Body(**{**body, "pose": Pose2(**body["pose"])})})
+
+
+def operator_from_json(data: dict[str, Any]) -> OperatorInput:
+    """A message of the virtual operator, who drives by looking and has no stick."""
+    return OperatorInput(**{**data, "head": HeadPose(**data["head"]), "stick": None})
 
 
 def send(writer: asyncio.StreamWriter, kind: str, value: Any) -> None:

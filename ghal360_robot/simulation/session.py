@@ -7,13 +7,19 @@ import contextlib
 import logging
 import socket
 import sys
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from ghal360_robot.errors import GhalError
-from ghal360_robot.simulation.link import Endpoints, Scenario, Truth, receive, send
+from ghal360_robot.simulation.link import Endpoints, Scenario, Truth, operator_from_json, receive, send
+from ghal360_robot.simulation.world import build_world
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from types import TracebackType
+
+    from ghal360_robot.messages import OperatorInput
+    from ghal360_robot.simulation.operator_desk import PageStatus
 
 logger = logging.getLogger(__name__)
 
@@ -37,6 +43,8 @@ class SimulatedHardware:
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
         self.truth: Truth | None = None
+        self.on_truth: Callable[[Truth], None] | None = None
+        self.on_operator: Callable[[OperatorInput], None] | None = None
         self._endpoints: Endpoints | None = None
         self._process: asyncio.subprocess.Process | None = None
         self._writer: asyncio.StreamWriter | None = None
@@ -48,6 +56,13 @@ class SimulatedHardware:
             raise SimulationError("the simulated hardware is not running")
         return self._endpoints
 
+    @cached_property
+    def target_position(self) -> tuple[float, float]:
+        """Where the target is in the world, in metres; for the recording's map, not for the brain."""
+        scenario = self.scenario
+        target = build_world(scenario.world, scenario.seed, scenario.target).target_object()
+        return target.x, target.y
+
     @property
     def pid(self) -> int | None:
         return None if self._process is None else self._process.pid
@@ -56,6 +71,11 @@ class SimulatedHardware:
         """Unplug a device now, for `for_s` seconds."""
         if self._writer is not None:
             send(self._writer, "cut", {"device": device, "for_s": for_s})
+
+    def tell_operator(self, status: PageStatus) -> None:
+        """What the virtual operator's page shows from now on."""
+        if self._writer is not None:
+            send(self._writer, "status", status)
 
     async def __aenter__(self) -> SimulatedHardware:
         ours, theirs = socket.socketpair()
@@ -100,8 +120,10 @@ class SimulatedHardware:
             kind, value = message
             if kind == "truth":
                 self.truth = Truth.from_json(value)
-            elif kind == "log":
-                logger.info("simulation: %s", value)
+                if self.on_truth is not None:
+                    self.on_truth(self.truth)
+            elif kind == "operator" and self.on_operator is not None:
+                self.on_operator(operator_from_json(value))
         logger.error("the simulated hardware is gone")
 
     async def _end(self) -> None:
@@ -130,6 +152,7 @@ class SimulatedHardware:
             "world": self.scenario.world,
             "seed": self.scenario.seed,
             "collisions": truth.body.collisions,
+            "target_in_view": truth.target_in_view,
             "distance_m": round(truth.body.distance_m, 2),
             "camera": truth.camera,
         }

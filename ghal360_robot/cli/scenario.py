@@ -1,0 +1,59 @@
+"""From command-line words to a checked scenario and target; everything wrong is said before anything starts."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ghal360_robot.config import with_overrides
+from ghal360_robot.errors import UsageError
+from ghal360_robot.perception.detectors.base import make_detector
+from ghal360_robot.simulation.link import Cut, Scenario
+from ghal360_robot.simulation.world import LAYOUTS, TARGETS
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from ghal360_robot.config import RobotConfig
+
+
+def checked_scenario(
+    *,
+    world: str,
+    seed: int,
+    target: str,
+    camera_images: Path | None = None,
+    lidar_replay: Path | None = None,
+    cuts: list[str] | None = None,
+    operator: bool = True,
+) -> Scenario:
+    """A scenario of these words. Raises UsageError."""
+    if world not in LAYOUTS:
+        raise UsageError(f"there is no world '{world}': choose one of {', '.join(LAYOUTS)}")
+    if target not in TARGETS:
+        raise UsageError(f"there is no '{target}' in the simulated worlds: choose one of {', '.join(TARGETS)}")
+    for path, what in ((camera_images, "picture folder"), (lidar_replay, "lidar recording")):
+        if path is not None and not path.exists():
+            raise UsageError(f"the {what} {path} does not exist")
+    if lidar_replay is not None and not lidar_replay.is_file():
+        raise UsageError(f"the lidar recording {lidar_replay} is not a file")
+    return Scenario(
+        world=world,
+        seed=seed,
+        target=target,
+        camera_images=None if camera_images is None else str(camera_images.resolve()),
+        lidar_replay=None if lidar_replay is None else str(lidar_replay.resolve()),
+        cuts=tuple(Cut.parse(text) for text in cuts or []),
+        operator=operator,
+    )
+
+
+def with_target(config: RobotConfig, target: str | None) -> RobotConfig:
+    """The configuration with this target, if its detector knows the class. Raises UsageError."""
+    if target is not None:
+        config = with_overrides(config, {"perception": {"target": target}})
+    wanted, known = config.perception.target, make_detector(config.perception.detector).class_names
+    if wanted and config.perception.detector != "none" and wanted not in known:
+        raise UsageError(
+            f"the detector '{config.perception.detector}' does not know '{wanted}': choose one of {', '.join(known)}"
+        )
+    return config

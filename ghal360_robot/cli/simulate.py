@@ -1,0 +1,135 @@
+"""`ghal360 simulate`: one simulated device on a socket or bus, for other people's clients."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import signal
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+
+from drivers.rmp110.simulator.model import BOOT_S, RmpModel
+from drivers.rmp110.simulator.serve import serve as serve_base
+from drivers.theta_v.simulator.camera import SimulatedThetaV
+from drivers.theta_v.simulator.usbip_server import UsbIpServer
+from drivers.tim571.simulator.server import Tim571Simulator
+from ghal360_robot.cli.address import split_address
+from ghal360_robot.cli.scenario import checked_scenario
+from ghal360_robot.errors import GhalError, UsageError
+from ghal360_robot.simulation.picture_source import FolderPictureSource, PictureSource, RenderedPictureSource
+from ghal360_robot.simulation.view import lidar_view
+from ghal360_robot.simulation.world import build_world
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator
+
+app = typer.Typer(help="One simulated device on a socket or bus, for other clients. Ctrl-C or SIGTERM ends it.")
+
+World = Annotated[str, typer.Option(help="What the device sees: office or home")]
+Seed = Annotated[int, typer.Option(help="Seed of world, noise and faults", min=0)]
+
+
+@app.command()
+def tim571(
+    host: Annotated[str, typer.Option(help="Address to listen on")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="Port; 0 takes a free one", min=0, max=65535)] = 2112,
+    dialect: Annotated[str, typer.Option(help="a or b; EIHstCola switches it, as in the device")] = "a",
+    replay: Annotated[Path | None, typer.Option(help="Send the scans of this .rec file instead")] = None,
+    world: World = "office",
+    seed: Seed = 0,
+) -> None:
+    """A TiM571 at the start position of a simulated world.
+
+    Example: ghal360 simulate tim571 --port 2112 --dialect b
+    """
+    if dialect not in {"a", "b"}:
+        raise UsageError(f"--dialect is a or b, not '{dialect}'")
+    checked_scenario(world=world, seed=seed, target="backpack", lidar_replay=replay)
+    start = build_world(world, seed).start
+    source = lidar_view(build_world(world, seed), lambda: start)
+    try:
+        lidar = Tim571Simulator(source, host=host, port=port, dialect=dialect, seed=seed, replay=replay)
+    except (ValueError, OSError) as error:
+        raise UsageError(str(error)) from error
+
+    @contextlib.asynccontextmanager
+    async def running() -> AsyncIterator[str]:
+        async with lidar:
+            yield f"TiM571 at {host}:{lidar.port}, dialect CoLa-{dialect.upper()}"
+
+    _serve(running())
+
+
+@app.command()
+def rmp110(
+    interface: Annotated[str, typer.Option(help="python-can interface; socketcand: be the server")] = "socketcand",
+    channel: Annotated[str, typer.Option(help="Channel of that interface")] = "can0",
+    address: Annotated[str, typer.Option(help="HOST:PORT to listen on, with socketcand")] = "127.0.0.1:29536",
+    boot: Annotated[float, typer.Option(help="Seconds from power-on to standby", min=0, max=60)] = BOOT_S,
+) -> None:
+    """An RMP-110 with wheels off the ground.
+
+    Example: ghal360 simulate rmp110 --interface socketcan --channel vcan0
+    """
+    host, port = split_address(address, any_port=True)
+    options: dict[str, Any] = {"host": host, "port": port} if interface == "socketcand" else {}
+
+    @contextlib.asynccontextmanager
+    async def running() -> AsyncIterator[str]:
+        model = RmpModel(time.monotonic_ns(), boot_s=boot)
+        async with serve_base(interface, channel, model=model, **options) as base:
+            where = f"{host}:{base.port}" if interface == "socketcand" else interface
+            yield f"RMP-110 at {where}, channel {channel}"
+
+    _serve(running())
+
+
+@app.command("theta-v")
+def theta_v(
+    usbip: Annotated[str, typer.Option(help="HOST:PORT to listen on; 3240 is what USB/IP clients expect")],
+    images: Annotated[Path | None, typer.Option(help="Folder of equirectangular pictures to stream")] = None,
+    rate: Annotated[float, typer.Option(help="Pictures per second", min=1, max=30)] = 12.0,
+    world: World = "office",
+    seed: Seed = 0,
+) -> None:
+    """A THETA V behind a USB/IP server, at the start position of a simulated world.
+
+    Example: ghal360 simulate theta-v --usbip 127.0.0.1:3240
+    """
+    host, port = split_address(usbip, any_port=True)
+    checked_scenario(world=world, seed=seed, target="backpack", camera_images=images)
+    pictures: PictureSource
+    if images is not None:
+        pictures = FolderPictureSource(images, rate)
+    else:
+        pictures = RenderedPictureSource(world, seed, "backpack", rate)
+
+    @contextlib.asynccontextmanager
+    async def running() -> AsyncIterator[str]:
+        camera = SimulatedThetaV()
+        pictures.on_access_unit(lambda _stamp_ns, unit: camera.offer(unit))
+        with UsbIpServer(camera, host, port) as server, pictures:
+            pictures.set_pose(build_world(world, seed).start)
+            yield f"THETA V behind USB/IP at {host}:{server.port}"
+
+    _serve(running())
+
+
+def _serve(running: contextlib.AbstractAsyncContextManager[str]) -> None:
+    try:
+        asyncio.run(_until_signal(running))
+    except OSError as error:
+        raise GhalError(f"cannot listen there: {error.strerror or error}") from error
+
+
+async def _until_signal(running: contextlib.AbstractAsyncContextManager[str]) -> None:
+    stop = asyncio.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        asyncio.get_running_loop().add_signal_handler(number, stop.set)
+    async with running as sentence:
+        Console(highlight=False, soft_wrap=True).print(sentence)
+        await stop.wait()

@@ -1,0 +1,130 @@
+"""The base: its states onto the board, every CAN frame into the logbook, and the only hand on its motion."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from contextlib import AsyncExitStack
+from typing import TYPE_CHECKING, Any
+
+from drivers.rmp110.codec.parameters import ModeRequest, OperationalState
+from drivers.rmp110.device.config import Rmp110Config
+from drivers.rmp110.device.rmp110 import STANDBY, TRACTOR, Rmp110
+from drivers.rmp110.device.state import LinkState
+from drivers.rmp110.errors import RmpError
+from drivers.rmp110.transport.can_bus import CanTransport
+from ghal360_robot.messages import ArmState, BaseMode, BaseState, LinkStats, Pose2, Twist
+
+if TYPE_CHECKING:
+    from drivers.rmp110.device.state import State
+    from ghal360_robot.board import Board
+    from ghal360_robot.config import Rmp110Section, SafetySection
+    from ghal360_robot.logbook.recorder import Recorder
+    from ghal360_robot.messages import Applied
+
+logger = logging.getLogger(__name__)
+
+MODES = {
+    OperationalState.CCU_INIT: BaseMode.STARTING,
+    OperationalState.INIT_PROPULSION: BaseMode.STARTING,
+    OperationalState.CHECK_STARTUP: BaseMode.STARTING,
+    OperationalState.STANDBY: BaseMode.STANDBY,
+    OperationalState.TRACTOR: BaseMode.DRIVE,
+    OperationalState.DISABLED_OR_BALANCE: BaseMode.OFF,
+    OperationalState.POWERDOWN: BaseMode.OFF,
+    OperationalState.UNKNOWN: BaseMode.UNKNOWN,
+}
+
+RETRY_NS = 500_000_000
+"""A refused mode change is asked for again at this pace while the operator keeps the robot armed."""
+
+
+class BaseOutput:
+    """An RMP-110 that runs until the robot ends; `apply` is the actuator of the control loop."""
+
+    name = "rmp110"
+
+    def __init__(self, config: Rmp110Section, safety: SafetySection, board: Board, recorder: Recorder) -> None:
+        options: dict[str, Any] = {"host": config.host, "port": config.port} if config.host else {}
+        self._board = board
+        self._recorder = recorder
+        self._base = Rmp110(
+            lambda: CanTransport(config.interface, config.channel, **options),
+            Rmp110Config(max_v_mps=safety.v_max, max_w_rps=safety.w_max, track_m=config.track_m),
+            recorder.can_frame,
+        )
+        self._mode_change: asyncio.Task[None] | None = None
+        self._asked_ns = 0
+        self._said = ""
+
+    async def enter(self, stack: AsyncExitStack) -> None:
+        await stack.enter_async_context(self._base)
+
+    async def run(self) -> None:
+        async for state in self._base.states():
+            message = base_state(state)
+            self._board.put_base(message)
+            self._recorder.base_state(message)
+
+    def apply(self, applied: Applied) -> None:
+        """Send one motion command where the base may be driven, and keep its mode what arming asks for."""
+        latest = self._base.latest
+        if latest is None or self._base.link is not LinkState.STREAMING:
+            return
+        armed = applied.arm is ArmState.ARMED
+        if self._mode_change is not None and not self._mode_change.done():
+            return  # while modes change the driver itself sends zero
+        driving = self._base.refusal() is None
+        if armed and not driving:
+            self._ask(TRACTOR, latest.stamp_ns)
+        elif not armed and latest.mode is OperationalState.TRACTOR:
+            self._ask(STANDBY, latest.stamp_ns)
+        elif driving:
+            try:
+                self._base.send_motion(applied.twist.v, applied.twist.w)
+            except RmpError as error:
+                self._say(f"base: {error}")
+
+    def stats(self) -> LinkStats:
+        stats = self._base.stats
+        return LinkStats(
+            link=stats.link.value,
+            detail=stats.detail,
+            received=stats.received,
+            lost=stats.lost,
+            damaged=stats.damaged,
+            reconnects=stats.reconnects,
+            rate_hz=stats.rate_hz,
+            last_ns=stats.last_ns,
+        )
+
+    def _ask(self, mode: ModeRequest, stamp_ns: int) -> None:
+        if stamp_ns - self._asked_ns < RETRY_NS:
+            return
+        self._asked_ns = stamp_ns
+        self._mode_change = asyncio.create_task(self._change(mode), name=f"base to {mode.name}")
+
+    async def _change(self, mode: ModeRequest) -> None:
+        try:
+            await self._base.request_mode(mode)
+            self._said = ""
+        except RmpError as error:
+            self._say(f"base: {error}")
+
+    def _say(self, sentence: str) -> None:
+        """Once, not fifty times a second."""
+        if sentence != self._said:
+            self._said = sentence
+            logger.warning("%s", sentence)
+
+
+def base_state(state: State) -> BaseState:
+    """The driver's state as the robot's message."""
+    return BaseState(
+        stamp_ns=state.stamp_ns,
+        mode=MODES[state.mode],
+        pose=Pose2(state.x, state.y, state.yaw),
+        twist=Twist(state.v, state.w),
+        battery_percent=state.battery_percent,
+        faults=(state.trouble,) if state.trouble else (),
+    )

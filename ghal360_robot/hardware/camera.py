@@ -1,0 +1,69 @@
+"""The camera's access units: into the logbook as received, to the decoder, and as a sign of life to the board."""
+
+from __future__ import annotations
+
+from contextlib import AsyncExitStack
+from typing import TYPE_CHECKING
+
+from drivers.theta_v.device.camera import ThetaV
+from drivers.theta_v.device.config import Mode, ThetaConfig
+from drivers.theta_v.device.stats import Link
+from drivers.theta_v.transport.usbip import UsbIpTransport
+from ghal360_robot.errors import GhalError
+from ghal360_robot.messages import LinkStats
+
+if TYPE_CHECKING:
+    from drivers.theta_v.codec.access_units import AccessUnit
+    from ghal360_robot.board import Board
+    from ghal360_robot.config import ThetaSection
+    from ghal360_robot.logbook.recorder import Recorder
+    from ghal360_robot.perception.decode import PictureDecoder
+
+NO_USB = (
+    "the THETA V over USB is not in this version: streaming needs isochronous libusb, which is still to be built. "
+    'Set theta.transport = "usbip" and name a USB/IP server, or use --sim'
+)
+
+MODES = {"2k": Mode.TWO_K, "4k": Mode.FOUR_K}
+
+
+class CameraInput:
+    """A THETA V that runs until the robot ends, whatever happens to the device."""
+
+    name = "theta"
+
+    def __init__(self, config: ThetaSection, board: Board, recorder: Recorder, decoder: PictureDecoder) -> None:
+        if config.transport != "usbip":
+            raise GhalError(NO_USB)
+        self._board = board
+        self._decoder = decoder
+        self._recorder = recorder
+        self._camera = ThetaV(
+            lambda: UsbIpTransport(config.host, config.port),
+            ThetaConfig(mode=MODES[config.resolution], serial=config.serial or None),
+            on_access_unit=self._record,
+        )
+
+    async def enter(self, stack: AsyncExitStack) -> None:
+        await stack.enter_async_context(self._camera)
+
+    async def run(self) -> None:
+        async for unit in self._camera.access_units():
+            self._board.put_picture(unit.stamp_ns)
+            self._decoder.submit(unit.data, unit.stamp_ns, tainted=unit.tainted)
+
+    def stats(self) -> LinkStats:
+        stats = self._camera.stats
+        return LinkStats(
+            link=stats.link.value,
+            detail="" if stats.link is Link.STREAMING else stats.detail,
+            received=stats.received,
+            lost=stats.lost,
+            damaged=stats.damaged,
+            reconnects=stats.reconnects,
+            rate_hz=stats.rate_hz,
+            last_ns=stats.last_ns,
+        )
+
+    def _record(self, unit: AccessUnit) -> None:
+        self._recorder.access_unit(unit.stamp_ns, unit.raw, unit.sequence, unit.keyframe, unit.tainted)

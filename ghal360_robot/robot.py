@@ -1,0 +1,257 @@
+"""One robot process: its parts put together, run, and taken apart in the right order.
+
+Order of taking apart: operator and loop first, then the base (zero, standby), lidar, camera, then the
+threads, and the recording last, so that everything which happened on the way is in it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import gc
+import logging
+import math
+import sys
+import time
+from contextlib import AsyncExitStack
+from typing import TYPE_CHECKING, Protocol
+
+from ghal360_robot import __version__
+from ghal360_robot.assembly import camera_mount, lidar_mount, make_brain, make_safety
+from ghal360_robot.board import Board, make_board
+from ghal360_robot.brain import BrainState
+from ghal360_robot.errors import GhalError
+from ghal360_robot.hardware.base import BaseOutput
+from ghal360_robot.hardware.camera import CameraInput
+from ghal360_robot.hardware.lidar import LidarInput
+from ghal360_robot.journal import Journal, RunReport, device_report
+from ghal360_robot.logbook.handler import LogbookHandler
+from ghal360_robot.logbook.recorder import Recorder
+from ghal360_robot.logbook.statics import Mount
+from ghal360_robot.loop import ControlLoop
+from ghal360_robot.perception.decode import Picture, PictureDecoder
+from ghal360_robot.perception.detection_worker import DetectionWorker
+from ghal360_robot.perception.detectors.base import make_detector
+from ghal360_robot.safety.chain import SafetyState
+from ghal360_robot.systemd import Notifier
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from ghal360_robot.config import RobotConfig
+    from ghal360_robot.messages import Applied, Decision, Detections, Inputs, LinkStats
+
+logger = logging.getLogger(__name__)
+
+LINK_PERIOD_S = 1.0
+"""How often the state of the links goes into the recording and to systemd."""
+
+READY_POLL_S = 0.05
+SWITCH_INTERVAL_S = 0.001
+"""Python's default of 5 ms lets a busy thread hold the control loop's up for a quarter of its period."""
+
+
+class Operator(Protocol):
+    """Whoever drives: leaves messages on the board until cancelled."""
+
+    rate_hz: float
+
+    async def run(self, robot: Robot) -> None: ...
+
+
+CAMERA_HZ = 29.97
+
+
+class Robot:
+    """A robot of this configuration. `await run(stop)` from start to finish; the rest is for looking at it."""
+
+    def __init__(
+        self, config: RobotConfig, operator: Operator | None, record_to: Path, camera_hz: float = CAMERA_HZ
+    ) -> None:
+        self.config = config
+        self.operator = operator
+        self.record_to = record_to
+        self.board: Board = make_board(camera_hz, operator.rate_hz if operator else 20.0)
+        self.detector = make_detector(config.perception.detector)
+        self.recorder: Recorder
+        self.loop: ControlLoop
+        self.journal: Journal
+        self.inputs: tuple[CameraInput, LidarInput, BaseOutput]
+        self.started = asyncio.Event()
+        self.found = asyncio.Event()
+        self._worker: DetectionWorker
+
+    async def run(self, stop: asyncio.Event) -> RunReport:
+        """Until `stop` is set. Raises GhalError when a device does not come up, or the recording cannot be made."""
+        start_ns = time.monotonic_ns()
+        self.recorder = self._open_recorder()
+        recorded = LogbookHandler(self.recorder)
+        logging.getLogger().addHandler(recorded)
+        try:
+            async with AsyncExitStack() as stack:
+                await self._assemble(stack)
+                await self._ready(stop)
+                self.journal = Journal(time.monotonic_ns())
+                self.started.set()
+                await self._drive(stop)
+                links = self.links()
+        finally:
+            logging.getLogger().removeHandler(recorded)
+            closed = await asyncio.to_thread(self.recorder.close)
+        if not closed:
+            logger.error("the recording could not be closed properly: %s", self.recorder.stats.failed or "too slow")
+        return self._report((time.monotonic_ns() - start_ns) / 1e9, links)
+
+    def links(self) -> dict[str, LinkStats]:
+        return {device.name: device.stats() for device in self.inputs}
+
+    def not_ready(self) -> tuple[str, ...]:
+        """What would keep an arm press from arming right now."""
+        newest = self.loop.newest
+        return ("starting",) if newest is None else self.loop.safety.not_ready(newest[0])
+
+    async def _assemble(self, stack: AsyncExitStack) -> None:
+        config, board = self.config, self.board
+        brain = make_brain(config)  # a fifth of a second of planning: before anything has a deadline
+        worker = DetectionWorker(
+            self.detector,
+            self._detected,
+            rate_hz=config.perception.rate_hz,
+            camera_yaw=math.radians(config.mounting.camera_yaw_deg),
+        )
+        decoder = PictureDecoder(worker.offer if self.detector.class_names else _ignore)
+        stack.enter_context(worker)
+        stack.enter_context(decoder)
+        self._worker = worker
+        base = BaseOutput(config.rmp110, config.safety, board, self.recorder)
+        lidar = LidarInput(config.tim571, board, self.recorder)
+        camera = CameraInput(config.theta, board, self.recorder, decoder)
+        self.inputs = (camera, lidar, base)
+        for device in self.inputs:  # left in reverse order: the base comes to a stop first
+            await device.enter(stack)
+        self.loop = ControlLoop(
+            board=board,
+            brain=brain,
+            safety=make_safety(config),
+            actuator=base,
+            log=self.recorder,
+            notifier=Notifier.from_environment(),
+            rate_hz=config.control.rate_hz,
+            brain_state=BrainState(),
+            safety_state=SafetyState(),
+            on_tick=self._on_tick,
+        )
+
+    async def _ready(self, stop: asyncio.Event) -> None:
+        """Wait until all three devices stream; a device that does not come up ends the run with its sentence."""
+        limit_s = self.config.robot.startup_s
+        deadline_ns = time.monotonic_ns() + round(limit_s * 1e9)
+        while not stop.is_set():
+            missing = {name: link for name, link in self.links().items() if link.link != "streaming"}
+            if not missing:
+                return
+            if time.monotonic_ns() > deadline_ns:
+                name, link = next(iter(missing.items()))
+                more = f" ({', '.join(list(missing)[1:])} missing as well)" if len(missing) > 1 else ""
+                raise GhalError(f"{name} is not there after {limit_s:g} s: {link.detail or link.link}{more}")
+            await asyncio.sleep(READY_POLL_S)
+
+    async def _drive(self, stop: asyncio.Event) -> None:
+        """The loop, and beside it the tasks that feed it; the first that fails ends the run."""
+        gc.collect()
+        gc.freeze()  # what exists now lives as long as the robot: the collector need not look at it again
+        sys.setswitchinterval(SWITCH_INTERVAL_S)
+        notifier = self.loop.notifier
+        notifier.ready()
+        feeders = [asyncio.create_task(device.run(), name=device.name) for device in self.inputs]
+        feeders.append(asyncio.create_task(self._report_links(), name="links"))
+        if self.operator is not None:
+            feeders.append(asyncio.create_task(self.operator.run(self), name="operator"))
+        ticking = asyncio.create_task(self.loop.run(stop), name="control loop")
+        try:
+            done, _ = await asyncio.wait({ticking, *feeders}, return_when=asyncio.FIRST_COMPLETED)
+            failed = next((task for task in done if not task.cancelled() and task.exception()), None)
+            if failed is not None:
+                logger.error("%s failed: %r", failed.get_name(), failed.exception())
+                failed.result()
+            if ticking not in done:
+                raise GhalError(f"{next(iter(done)).get_name()} ended by itself: this should not happen")
+        finally:
+            notifier.stopping()
+            for task in (ticking, *feeders):
+                task.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await asyncio.wait({ticking, *feeders})
+            notifier.close()
+
+    async def _report_links(self) -> None:
+        while True:
+            links = self.links()
+            for name, link in links.items():
+                self.recorder.link(name, link)
+            self.loop.notifier.status(", ".join(f"{name} {link.link}" for name, link in links.items()))
+            await asyncio.sleep(LINK_PERIOD_S)
+
+    def _on_tick(self, inputs: Inputs, decision: Decision, applied: Applied) -> None:
+        self.journal.observe(inputs, decision, applied)
+        if self.journal.found_ns is not None:
+            self.found.set()
+
+    def _detected(self, detections: Detections) -> None:
+        self.board.put_detections(detections)
+        self.recorder.detections(detections)
+
+    def _open_recorder(self) -> Recorder:
+        lidar, camera = lidar_mount(self.config), camera_mount(self.config)
+        return Recorder(
+            self.record_to,
+            properties={
+                "robot": self.config.robot.name,
+                "version": __version__,
+                "target": self.config.perception.target,
+                "detector": self.config.perception.detector,
+                "policy": self.config.guidance.policy,
+            },
+            config_toml=self.config.model_dump_json(indent=1),
+            mounts={
+                "lidar": Mount(lidar.x, lidar.y, lidar.z, lidar.yaw),
+                "theta": Mount(camera.x, camera.y, camera.z, camera.yaw),
+            },
+        )
+
+    def _report(self, seconds: float, links: dict[str, LinkStats]) -> RunReport:
+        journal, loop, detection = self.journal, self.loop, self._worker.stats()
+        folder = self.recorder.folder
+        stats = self.recorder.stats
+        return RunReport(
+            found=journal.found_ns is not None,
+            seconds_to_found=journal.seconds_to_found,
+            seconds=round(seconds, 2),
+            distance_m=round(journal.distance_m, 2),
+            ticks=loop.ticks,
+            ticks_skipped=loop.lateness.skipped,
+            tick_lateness_ms=loop.lateness.summary(),
+            cues=dict(journal.cues),
+            stops=journal.stops,
+            theta=device_report(links["theta"]),
+            rmp110=device_report(links["rmp110"]),
+            tim571=device_report(links["tim571"]),
+            detections={
+                "detector": self.detector.name,
+                "pictures": detection.detected,
+                "failed": detection.failed,
+                "last_ms": round(detection.last_duration_s * 1e3, 1),
+            },
+            logbook={
+                "dropped_video": stats.dropped_video,
+                "dropped_rest": stats.dropped_rest,
+                "failed_rows": stats.failed_rows,
+                "failed": stats.failed,
+            },
+            recording=str(folder),
+            recording_bytes=sum(part.stat().st_size for part in folder.glob("*.rrd")),
+        )
+
+
+def _ignore(_picture: Picture) -> None:
+    """Without a detector nobody asks for pictures; decoding goes on because it tells damage."""
