@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ghal360_robot.logbook.reader import RunReader
-from ghal360_robot.logbook.rrd import chunk_times
+from ghal360_robot.logbook.rrd import chunk_row_ids, chunk_times
 from ghal360_robot.messages import STILL, Cue
 
 if TYPE_CHECKING:
@@ -208,6 +208,7 @@ def _complaints(reader: RunReader) -> Iterator[str]:
 
 def _entities(reader: RunReader) -> tuple[tuple[EntityReport, ...], float]:
     times: dict[str, list[NDArray[np.int64]]] = {}
+    ids: dict[str, list[bytes]] = {}
     sizes: Counter[str] = Counter()
     for part in reader.parts:
         for chunk in part.chunks():
@@ -215,6 +216,7 @@ def _entities(reader: RunReader) -> tuple[tuple[EntityReport, ...], float]:
             if stamps is not None and len(stamps):
                 entity = chunk.entity_path.lstrip("/")
                 times.setdefault(entity, []).append(stamps)
+                ids.setdefault(entity, []).extend(chunk_row_ids(chunk))
                 sizes[entity] += chunk.to_record_batch().nbytes
     if not times:
         return (), 0.0
@@ -222,7 +224,9 @@ def _entities(reader: RunReader) -> tuple[tuple[EntityReport, ...], float]:
     end = max(int(stamps.max()) for chunks in times.values() for stamps in chunks)
     reports = []
     for entity, chunks in sorted(times.items()):
-        stamps = np.sort(np.concatenate(chunks))
+        # A row whose components lie in several chunks is one row.
+        _, first = np.unique(np.array(ids[entity], "V16"), return_index=True)
+        stamps = np.sort(np.concatenate(chunks)[first])
         span_s = float(stamps[-1] - stamps[0]) / NS
         reports.append(
             EntityReport(

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
     from rerun.chunk import Chunk
 
+ROW_ID = "rerun.controls.RowId"
+
 MAGIC = b"RRF2"
 # A file begins with magic, version and options; each message with its kind and its length.
 FILE_HEADER_BYTES = 12
@@ -43,6 +45,8 @@ class StoredRow:
     t_ns: int
     tick: int | None
     values: dict[str, Any]
+    row_id: bytes = b""
+    """Grows with the order of writing."""
 
 
 class PartReader:
@@ -105,10 +109,11 @@ class PartReader:
 
 
 def ordered_rows(parts: list[PartReader], entity: str) -> Iterator[StoredRow]:
-    """The temporal rows of one entity by time, whatever order the file has them in.
+    """The temporal rows of one entity by time, whatever order and shape the file has them in.
 
     Two passes: the first learns when each chunk begins, so that the second holds back only the rows that a
-    later chunk may still precede.
+    later chunk may still precede. Rerun's `optimize` spreads the components of one row over several chunks;
+    they are one row again here.
     """
     starts = [
         int(stamps.min())
@@ -118,7 +123,7 @@ def ordered_rows(parts: list[PartReader], entity: str) -> Iterator[StoredRow]:
     ]
     # earliest[k] is the first instant in any chunk from k on.
     earliest = np.minimum.accumulate(np.array(starts, np.int64)[::-1])[::-1]
-    held: list[tuple[int, int, StoredRow]] = []
+    held: list[tuple[int, bytes, int, StoredRow]] = []
     count = seen = 0
     for part in parts:
         for chunk in part.chunks(entity):
@@ -126,12 +131,19 @@ def ordered_rows(parts: list[PartReader], entity: str) -> Iterator[StoredRow]:
             if stamps is None or not len(stamps):
                 continue
             for row in chunk_rows(chunk):
-                heapq.heappush(held, (row.t_ns, count, row))
+                heapq.heappush(held, (row.t_ns, row.row_id, count, row))
                 count += 1
             seen += 1
             bound = int(earliest[seen]) if seen < len(earliest) else None
             while held and (bound is None or held[0][0] < bound):
-                yield heapq.heappop(held)[2]
+                yield _pop_row(held)
+
+
+def _pop_row(held: list[tuple[int, bytes, int, StoredRow]]) -> StoredRow:
+    row = heapq.heappop(held)[-1]
+    while held and held[0][1] == row.row_id and held[0][0] == row.t_ns:
+        row.values.update(heapq.heappop(held)[-1].values)
+    return row
 
 
 def chunk_times(chunk: Chunk) -> np.ndarray[Any, np.dtype[np.int64]] | None:
@@ -141,11 +153,18 @@ def chunk_times(chunk: Chunk) -> np.ndarray[Any, np.dtype[np.int64]] | None:
     return _integers(chunk.to_record_batch().column(TIME))
 
 
+def chunk_row_ids(chunk: Chunk) -> list[bytes]:
+    """Sixteen bytes for each row, unique in the recording."""
+    ids: list[bytes] = chunk.to_record_batch().column(ROW_ID).to_pylist()
+    return ids
+
+
 def chunk_rows(chunk: Chunk) -> Iterator[StoredRow]:
     """The rows of one chunk, in its order."""
     batch = chunk.to_record_batch()
     stamps = _integers(batch.column(TIME)) if TIME in chunk.timeline_names else np.zeros(chunk.num_rows, np.int64)
     ticks = _integers(batch.column(TICK)) if TICK in chunk.timeline_names else None
+    ids = chunk_row_ids(chunk)
     lists = {
         name: batch.column(name)
         for name in batch.schema.names
@@ -153,7 +172,7 @@ def chunk_rows(chunk: Chunk) -> Iterator[StoredRow]:
     }
     for k in range(chunk.num_rows):
         values = {name: _instances(array[k]) for name, array in lists.items() if array[k].is_valid}
-        yield StoredRow(int(stamps[k]), None if ticks is None else int(ticks[k]), values)
+        yield StoredRow(int(stamps[k]), None if ticks is None else int(ticks[k]), values, ids[k])
 
 
 def _instances(cell: pa.ListScalar) -> Any:

@@ -16,6 +16,7 @@ import pytest
 
 from ghal360_robot.logbook import entities
 from ghal360_robot.logbook.errors import LogbookError, RecordingNotReadableError
+from ghal360_robot.logbook.inspection import inspect_run
 from ghal360_robot.logbook.mailbox import ENTRY_BYTES, Entry, Mailbox
 from ghal360_robot.logbook.reader import RunReader
 from ghal360_robot.logbook.recorder import Recorder
@@ -366,3 +367,25 @@ def test_logger_names_out_of_control_do_not_fill_the_tree(recorder: Recorder, mo
             len([entity for entity in reader.entities() if entity.startswith("log/")]) == entities.MAX_LOG_SOURCES + 1
         )
         assert [text.text for text in reader.texts()] == [str(k) for k in range(200)]
+
+
+def test_a_recording_that_rerun_has_optimized_reads_the_same(recorder: Recorder, tmp_path: Path) -> None:
+    """Recovery and archiving go through `rerun rrd optimize`, which takes rows apart by component."""
+    for k in range(100):
+        stamp = T0 + k * robot.TICK_NS
+        recorder.tick(robot.inputs(stamp, k), robot.decision(k), robot.applied(k), k / 7, 1.0)
+        recorder.base_state(robot.base_state(stamp, k))
+        recorder.lidar_scan(robot.scan(stamp, k))
+        recorder.access_unit(stamp, os.urandom(5000), k, False, k % 3 == 0)
+    recorder.close()
+    path = tmp_path / "optimized.rrd"
+    command = [sys.executable, "-m", "rerun", "rrd", "optimize", str(recorder.folder / "part-000.rrd"), "-o", str(path)]
+    subprocess.run(command, check=True, capture_output=True, timeout=60)
+    with RunReader(recorder.folder) as before, RunReader(path) as after:
+        assert after.anchor == before.anchor
+        assert list(after.ticks()) == list(before.ticks())
+        assert list(after.access_units()) == list(before.access_units())
+        assert list(after.base_states()) == list(before.base_states())
+        assert [s.ranges.tobytes() for s in after.scans()] == [s.ranges.tobytes() for s in before.scans()]
+    counts = [{e.entity: e.rows for e in inspect_run(run).entities} for run in (recorder.folder, path)]
+    assert counts[0] == counts[1]
