@@ -29,8 +29,9 @@ class Rmp110Config:
     """Write the compact feedback set where another one is stored; without, the stored one is used."""
     poll_hz: float = 50.0
     """Feedback rate while nothing moves; 20 to 50."""
-    backoff_s: tuple[float, float] = (0.5, 5.0)
-    """First and longest pause before another attempt to connect; after a kill switch silence is normal."""
+    backoff_s: tuple[float, float] = (1.0, 5.0)
+    """First and longest pause before another attempt to connect: a second after bus-off (fact sheet 13.8),
+    and no hurry after a kill switch, where silence is normal."""
 
     def __post_init__(self) -> None:
         if not 20.0 <= self.poll_hz <= 50.0:

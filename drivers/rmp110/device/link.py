@@ -14,7 +14,7 @@ from drivers.rmp110.transport.base import Transport
 
 Direction = Literal["rx", "tx"]
 FrameHook = Callable[[int, Direction, int, bytes], None]
-"""Called with stamp_ns, direction, CAN id and data of every frame, both ways, for the recorder."""
+"""Called with stamp_ns, direction, CAN id and data of every frame, both ways, for the recorder; must not raise."""
 
 REPLY_S = 0.1
 """A reply comes within 10 ms; one that is not there after ten times that is lost."""

@@ -117,12 +117,15 @@ class Stats:
     last_ns: int | None
 
 
+def all_finite(values: Mapping[str, float]) -> bool:
+    """Whether every word the driver needs is a number; otherwise the packet is damaged."""
+    return all(math.isfinite(values[name]) for name in NEEDED)
+
+
 def read_state(
     stamp_ns: int, values: Mapping[str, float], odometry: Odometry, identity: Identity, track_m: float
-) -> State | None:
-    """The state that a packet's values describe; None where a number in it is none."""
-    if not all(math.isfinite(values[name]) for name in NEEDED):
-        return None
+) -> State:
+    """The state that a packet's values describe."""
     ratio = identity.scale.track_ratio
     # `0.0 -` rather than a sign: standing still then reads 0.0, not -0.0.
     return State(

@@ -13,7 +13,7 @@ from drivers.rmp110.device.identify import SILENT
 from drivers.rmp110.device.journal import Journal
 from drivers.rmp110.device.link import Link
 from drivers.rmp110.device.pilot import COMMAND_FRESH_S, SILENCE_S, Pilot
-from drivers.rmp110.device.state import Identity, read_state
+from drivers.rmp110.device.state import Identity, all_finite, read_state
 from drivers.rmp110.errors import RmpSilent
 
 
@@ -70,14 +70,13 @@ class Stream:
     def _take(self, packet: Packet) -> None:
         journal, track_m = self._journal, self._config.track_m
         values = self._identity.layout.decode(packet.words)
-        odometry = journal.odometry.advance(
-            values["right_front_pos_m"], values["left_front_pos_m"], values["operational_time"], track_m
-        )
-        state = read_state(packet.first_ns, values, odometry, self._identity, track_m)
-        if state is None:
+        if not all_finite(values):
             journal.damaged += 1
             return
-        journal.odometry = odometry
+        journal.odometry = journal.odometry.advance(
+            values["right_front_pos_m"], values["left_front_pos_m"], values["operational_time"], track_m
+        )
+        state = read_state(packet.first_ns, values, journal.odometry, self._identity, track_m)
         self._heard_ns = packet.last_ns
         self._pilot.watch(state, packet.last_ns)
         journal.publish(state, packet.last_ns)

@@ -13,7 +13,7 @@ from drivers.rmp110.codec.frames import Frame
 from drivers.rmp110.codec.whitelist import forbidden
 from drivers.rmp110.errors import RmpForbiddenFrame, RmpLinkError, RmpSendDropped
 from drivers.rmp110.transport.base import FrameSink, LossSink
-from drivers.rmp110.transport.open_bus import open_bus
+from drivers.rmp110.transport.open_bus import open_bus, plain
 from drivers.rmp110.transport.reader import BusReader
 from drivers.rmp110.transport.socketcand import SocketcandBus
 
@@ -116,7 +116,7 @@ class CanTransport:
             return f"CAN interface {self.channel} is down: run 'ip link set {self.channel} up type can bitrate 1000000'"
         if number == errno.ENODEV:
             return f"CAN interface {self.channel} is gone: the adapter was unplugged"
-        return f"CAN interface {self.channel} failed: {error}"
+        return f"CAN interface {self.channel} failed: {plain(error)}"
 
 
 def _discard(opening: asyncio.Future[can.BusABC]) -> None:

@@ -29,7 +29,7 @@ def _sentence(interface: str, channel: str, options: dict[str, Any], error: Exce
     if interface == "socketcand":
         where = f"{options.get('host')}:{options.get('port')}"
         return (
-            f"no CAN bus {channel} at socketcand server {where}: {error}; "
+            f"no CAN bus {channel} at socketcand server {where}: {plain(error)}; "
             "check that the server (or the simulated base) runs and that host and port are right"
         )
     number = getattr(error, "errno", None) or getattr(error.__cause__, "errno", None)
@@ -41,9 +41,16 @@ def _sentence(interface: str, channel: str, options: dict[str, Any], error: Exce
     if interface == "socketcan" and number == errno.EAFNOSUPPORT:
         return f"CAN interface {channel} not found: this kernel has no CAN; load it with 'modprobe can_raw'"
     if number in (errno.EPERM, errno.EACCES):
-        return f"CAN interface {channel} may not be opened by this user: {error}"
+        return f"CAN interface {channel} may not be opened by this user: {plain(error)}"
     if "msgpack" in str(error):
         return f"CAN interface {interface} needs the package msgpack: pip install msgpack"
     if isinstance(error, NotImplementedError):
         return f"CAN interface type '{interface}' is unknown to python-can: use socketcan, socketcand or virtual"
-    return f"CAN interface {channel} ({interface}) could not be opened: {error}"
+    return f"CAN interface {channel} ({interface}) could not be opened: {plain(error)}"
+
+
+def plain(error: BaseException) -> str:
+    """An error's own words, without numbers that only a programmer reads."""
+    if isinstance(error, can.CanError):
+        return str(error.args[0]) if error.args else type(error).__name__
+    return getattr(error, "strerror", None) or str(error) or type(error).__name__

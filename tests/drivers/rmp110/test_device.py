@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import dataclasses
+import subprocess
+import sys
 import time
 from typing import Any
 
@@ -28,6 +30,7 @@ from drivers.rmp110.errors import (
     RmpWrongMode,
 )
 from drivers.rmp110.simulator.faults import FaultPlan
+from drivers.rmp110.simulator.serve import SimulatedRmp
 
 pytestmark = pytest.mark.usefixtures("short_listening")
 
@@ -46,6 +49,10 @@ class Tape:
 
     def sent(self, can_id: int) -> list[Frame]:
         return [frame for _, direction, frame in self.frames if direction == "tx" and frame.can_id == can_id]
+
+
+def state_of(sim: SimulatedRmp) -> OperationalState:
+    return sim.model.state
 
 
 async def drive(base: Rmp110, v: float, w: float, seconds: float) -> None:
@@ -70,7 +77,7 @@ async def test_identified_driven_and_left_in_standby(interface: str, rig: Any, c
         assert tape.sent(MOTION_ID) == [], "nothing that could move it went out before TRACTOR"
 
         await base.request_mode(TRACTOR)
-        assert it.sim.model.state is OperationalState.TRACTOR
+        assert state_of(it.sim) is OperationalState.TRACTOR
         applied = base.send_motion(5.0, 0.0)
         assert applied.v == pytest.approx(0.5)
         await drive(base, 0.3, 0.3, 1.0)
@@ -84,13 +91,51 @@ async def test_identified_driven_and_left_in_standby(interface: str, rig: Any, c
         assert 0.1 < state.yaw < 0.4
         assert state.battery_percent > 90
     assert base.link is LinkState.CLOSED
-    assert it.sim.model.state is OperationalState.STANDBY
+    assert state_of(it.sim) is OperationalState.STANDBY
     assert it.sim.model.twist == pytest.approx((0.0, 0.0), abs=0.02)
     stats = base.stats
     assert (stats.lost, stats.damaged, stats.dropped) == (0, 0, 0)
     assert 40 < stats.rate_hz < 70
     received = [frame for _, direction, frame in tape.frames if direction == "rx"]
     assert len(received) >= 11 * stats.received
+
+
+OTHER_PROCESS = """
+import asyncio, sys, time
+from drivers.rmp110.simulator.model import RmpModel
+from drivers.rmp110.simulator.serve import serve
+
+async def main():
+    async with serve("socketcand", "can0", model=RmpModel(time.monotonic_ns(), boot_s=0.1)) as base:
+        print(base.port, flush=True)
+        await asyncio.to_thread(sys.stdin.read)
+
+asyncio.run(main())
+"""
+
+
+async def test_a_base_in_another_process_is_driven_and_its_death_noticed(config: Rmp110Config, until: Any) -> None:
+    process = await asyncio.create_subprocess_exec(
+        sys.executable, "-c", OTHER_PROCESS, stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
+    assert process.stdout is not None
+    try:
+        port = int(await asyncio.wait_for(process.stdout.readline(), 20))
+        async with Rmp110(lambda: CanTransport("socketcand", "can0", host="127.0.0.1", port=port), config) as base:
+            await base.ready(READY_S)
+            await until(lambda: base.latest and base.latest.mode is OperationalState.STANDBY)
+            await base.request_mode(TRACTOR)
+            await drive(base, 0.5, 0.0, 0.4)
+            assert base.latest is not None
+            assert base.latest.v > 0.05
+            process.kill()
+            await until(lambda: base.link is LinkState.BACKOFF)
+            assert "failed: the server closed the connection" in base.stats.detail
+            await until(lambda: "Connection refused; check that the server" in base.stats.detail)
+    finally:
+        if process.returncode is None:
+            process.kill()
+        await process.communicate()
 
 
 async def test_odometry_is_what_the_wheels_did(rig: Any, config: Rmp110Config, until: Any) -> None:

@@ -162,7 +162,8 @@ def test_a_peer_that_does_not_read_makes_send_fail_and_frames_stay_whole(bus: So
     with pytest.raises(can.CanOperationError) as raised:
         flood()
     assert raised.value.error_code == errno.ENOBUFS
-    received, splitter = [], TextSplitter()
+    received: list[str] = []
+    splitter = TextSplitter()
     while len(received) < sent:
         received += splitter.feed(connection.recv(65536))
         if bus._unsent:

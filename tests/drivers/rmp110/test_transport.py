@@ -16,7 +16,7 @@ from drivers.rmp110.codec.commands import POLL, motion, request_mode
 from drivers.rmp110.codec.frames import Frame
 from drivers.rmp110.codec.parameters import ModeRequest
 from drivers.rmp110.errors import RmpForbiddenFrame, RmpInterfaceError, RmpLinkError, RmpSendDropped
-from drivers.rmp110.transport import can_bus, open_bus, reader
+from drivers.rmp110.transport import can_bus, reader
 from drivers.rmp110.transport.base import Transport
 
 
@@ -88,7 +88,7 @@ async def test_an_interface_that_cannot_be_opened_is_one_sentence(
     def fail(*_: object, **__: object) -> can.BusABC:
         raise error
 
-    monkeypatch.setattr(open_bus.can, "Bus", fail)
+    monkeypatch.setattr(can, "Bus", fail)
     transport = CanTransport("socketcan", "can7")
     with pytest.raises(RmpInterfaceError, match=sentence) as raised:
         await ear.open(transport)
@@ -107,7 +107,9 @@ async def test_a_missing_server_is_said_to_be_missing(ear: Ear) -> None:
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port = listener.getsockname()[1]
     transport = CanTransport("socketcand", "can0", host="127.0.0.1", port=port)
-    with pytest.raises(RmpInterfaceError, match=rf"no CAN bus can0 at socketcand server 127.0.0.1:{port}.*refused"):
+    with pytest.raises(
+        RmpInterfaceError, match=rf"no CAN bus can0 at socketcand server 127.0.0.1:{port}: Connection refused; check"
+    ):
         await ear.open(transport)
     await transport.close()
 
