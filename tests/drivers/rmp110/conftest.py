@@ -21,6 +21,8 @@ from drivers.rmp110.simulator.model import RmpModel
 from drivers.rmp110.simulator.serve import SimulatedRmp, serve
 
 _channels = itertools.count()
+BRISK = {**RMP110_STORED, "max_accel": 4.0, "max_decel": 4.0, "max_yaw_accel": 8.0}
+"""An RMP 110 that needs no second to get going, so that the tests do not either."""
 COMPACT_STORED = {f"feedback_bitmap_{n}": word for n, word in enumerate(COMPACT_BITMAPS, start=1)}
 
 
@@ -49,7 +51,7 @@ async def make_rig(
     plan: FaultPlan | None = None,
 ) -> AsyncIterator[Rig]:
     channel = f"rmp110-test-{os.getpid()}-{next(_channels)}"
-    values = {**RMP110_STORED, **(COMPACT_STORED if compact else {}), **(stored or {})}
+    values = {**BRISK, **(COMPACT_STORED if compact else {}), **(stored or {})}
     model = RmpModel(time.monotonic_ns(), Stored.of(values), boot_s=boot_s, dialect=dialect)
     async with serve(interface, channel, model=model, plan=plan) as sim:
         yield Rig(sim, interface, channel)
@@ -63,7 +65,7 @@ def rig_maker() -> object:
 
 @pytest.fixture
 def config() -> Rmp110Config:
-    return Rmp110Config(backoff_s=(0.05, 0.1))
+    return Rmp110Config(expected=BRISK, backoff_s=(0.05, 0.1))
 
 
 @pytest.fixture
