@@ -107,7 +107,6 @@ CATALOGUE: dict[str, Kind] = {
     "rug": Kind((2.40, 1.60, 0.01), solid=False),
     "picture": Kind((0.80, 0.04, 0.60), solid=False),
     "mirror": Kind((0.55, 0.04, 1.30), solid=False),
-    "curtain": Kind((0.35, 0.10, 2.10), solid=False),
 }
 
 

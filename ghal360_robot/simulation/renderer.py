@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import cached_property
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -47,7 +47,7 @@ class PanoramaRenderer:
 
     def __init__(self, world: World, width: int = 1920, height: int = 960, face: int = 576) -> None:
         """Panorama size in pixels (2:1), and the width of the four side views it is made from (even)."""
-        core.loadPrcFileData("", SETTINGS)
+        _configure()
         self.world = world
         self.width, self.height, self.face = width, height, face
         self._atlas = (round(ATLAS[0] * face), round(ATLAS[1] * face))
@@ -192,6 +192,14 @@ class PanoramaRenderer:
             region.setClearDepthActive(True)
             region.setClearColorActive(True)
             region.setClearColor((0.5, 0.5, 0.5, 1.0))
+
+
+@cache
+def _configure() -> None:
+    """Panda3D's settings are global; set them once."""
+    core.loadPrcFileData("", SETTINGS)
+    # By default things are drawn in the order of their addresses, which differs from run to run.
+    core.CullBinManager.getGlobalPtr().setBinType("opaque", core.CullBinManager.BTUnsorted)
 
 
 def add_robot(mesh: Mesh) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -17,12 +18,13 @@ from ghal360_robot.simulation.world import (
     build_world,
 )
 
-CASES = [(name, seed, target) for name in ("office", "home") for target in TARGETS for seed in (0, 1, 2, 3)]
+built = functools.cache(build_world)
+CASES = [(name, seed, target) for name in ("office", "home") for target in TARGETS for seed in (0, 1, 2)]
 
 
 @pytest.fixture(scope="module", params=CASES, ids=lambda case: "-".join(map(str, case)))
 def world(request: pytest.FixtureRequest) -> World:
-    return build_world(*request.param)
+    return built(*request.param)
 
 
 def grid(world: World, cell: float) -> tuple[np.ndarray, np.ndarray]:
@@ -86,7 +88,7 @@ def test_nothing_sticks_through_a_wall_and_small_things_stand_on_something(world
 
 
 def test_the_target_is_rarely_in_sight_of_the_start() -> None:
-    worlds = [build_world(name, seed, target) for name, seed, target in CASES]
+    worlds = [built(name, seed, target) for name, seed, target in CASES]
     seen = [world.visible(world.start.x, world.start.y, CAMERA_HEIGHT_M, world.target_object()) for world in worlds]
     assert np.mean(seen) < 0.3
 
