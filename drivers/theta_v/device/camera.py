@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import time
 from collections.abc import AsyncIterator, Callable
@@ -80,10 +81,12 @@ class ThetaV:
         if self._task is not None:
             self._task.cancel()
             await asyncio.wait([self._task])
-            self._task = None
         await self._let_go()
         self._link = Link.CLOSED
         self._collector.close()
+        task, self._task = self._task, None
+        if task is not None and not task.cancelled():
+            task.result()  # a mistake of this driver must not go unnoticed
 
     async def access_units(self) -> AsyncIterator[AccessUnit]:
         """The pictures from the next key picture on, newest first served (see `Mailbox`).
@@ -207,13 +210,11 @@ class ThetaV:
         await self._start(video, agreement)
         ladder = Ladder(time.monotonic_ns(), stall_s=config.stall_s, first_picture_s=config.first_picture_s)
         while True:
-            try:
+            with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(WATCH_S):
                     await self._gone.wait()
+            if self._gone.is_set():
                 raise ThetaGone(self._reason)
-            except TimeoutError as nothing_happened:
-                if isinstance(nothing_happened, ThetaError):
-                    raise
             now_ns = time.monotonic_ns()
             step = ladder.due(now_ns, self._collector.last_end_ns)
             if step is None:

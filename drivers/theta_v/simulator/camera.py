@@ -81,6 +81,7 @@ class SimulatedThetaV:
         self.generation = 0
         self._agenda: list[tuple[int, Callable[[int], None]]] = []
         self.held = False
+        self._listeners: tuple[Callable[[], None], ...] = ()
         self._ptp = self._responder(asleep=asleep)
         started = clock()
         for event in self._plan.events:
@@ -136,7 +137,18 @@ class SimulatedThetaV:
         self._advance()
         with self.lock:
             keyframe = any(n.kind == h264.IDR for n in h264.split(access_unit))
-            return self._present and self.video.offer(access_unit, self.clock(), keyframe)
+            taken = self._present and self.video.offer(access_unit, self.clock(), keyframe)
+        if taken:
+            for listener in self._listeners:
+                listener()
+        return taken
+
+    def listen(self, listener: Callable[[], None]) -> None:
+        """Have `listener` called, in the offering thread, whenever a picture was taken."""
+        self._listeners = (*self._listeners, listener)
+
+    def unlisten(self, listener: Callable[[], None]) -> None:
+        self._listeners = tuple(x for x in self._listeners if x != listener)
 
     def unplug(self) -> None:
         """Pull the cable now."""
@@ -270,6 +282,12 @@ class Port:
             if endpoint == d.VIDEO_STATUS and self._camera.composition is Composition.LIVE:
                 return None
             raise ThetaStall(f"no IN endpoint {endpoint:#04x}")
+
+    @property
+    def idle(self) -> bool:
+        """Whether the video's microframes are empty until the next picture is offered."""
+        with self._camera.lock:
+            return self._camera.video.idle
 
     def isochronous(self, endpoint: int, count: int, start_ns: int) -> Burst:
         """`count` microframes of an isochronous endpoint from `start_ns` on; the microphones are silent."""

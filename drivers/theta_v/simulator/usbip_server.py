@@ -29,6 +29,7 @@ MAX_CONNECTIONS = 16  # one host and a few that only list; the rest is turned aw
 MAX_PENDING = 4096  # requests in flight of one host; the kernel keeps a few dozen
 MAX_UNSENT_BYTES = 8 << 20  # a host that does not read gets no more video until it does
 MAX_BEHIND_NS = 1_000_000_000  # after a longer pause of the process the missed microframes are not made up
+LULL_NS = 16_000_000  # empty requests are answered in groups: a wake-up costs more than a request
 IDLE_S = 0.05  # how late an unplugged cable is noticed while nothing else happens
 POLL_S = 0.005  # how often a transfer that waits for the camera is looked at
 RECEIVE_BYTES = 64 << 10
@@ -43,6 +44,11 @@ class _Schedule:
 
     waiting: deque[tuple[usbip.Submit, bytes]] = field(default_factory=deque)
     start_ns: int = 0
+
+    def slack_ns(self) -> int:
+        """How much later empty requests may be answered without the host running dry."""
+        packets = len(self.waiting) * self.waiting[0][0].packets if self.waiting else 0
+        return min(LULL_NS, packets * MICROFRAME_NS // 2)
 
     def due_ns(self) -> int | None:
         return self.start_ns + self.waiting[0][0].packets * MICROFRAME_NS if self.waiting else None
@@ -96,14 +102,16 @@ class UsbIpServer:
         self._listener = socket.create_server(self._address)
         self._listener.setblocking(False)
         ours, self._wake = socket.socketpair()
+        self._wake.setblocking(False)
+        self._camera.listen(self._poke)
         self._closing = False
         self._thread = threading.Thread(target=self._run, args=(ours,), name="theta-usbip-server", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
         self._closing = True
-        if self._wake is not None:
-            self._wake.send(b"\0")
+        self._camera.unlisten(self._poke)
+        self._poke()
         if self._thread is not None:
             self._thread.join()
         for end in (self._listener, self._wake):
@@ -120,6 +128,16 @@ class UsbIpServer:
     ) -> None:
         self.close()
 
+    def _poke(self) -> None:
+        wake = self._wake
+        try:
+            if wake is not None:
+                wake.send(b"\0")
+        except BlockingIOError:
+            return  # it is full of unread wake-ups already
+        except OSError as error:
+            log.debug("a picture came while the server closed: %s", error)
+
     def _run(self, wake: socket.socket) -> None:
         listener = self._listener
         if listener is None:
@@ -131,6 +149,8 @@ class UsbIpServer:
                 for key, mask in selector.select(self._timeout()):
                     if key.fileobj is listener:
                         self._accept(listener, selector)
+                    elif key.fileobj is wake:
+                        wake.recv(4096)
                     elif isinstance(key.data, _Connection):
                         self._ready(key.data, mask)
                 now_ns = time.monotonic_ns()
@@ -148,9 +168,11 @@ class UsbIpServer:
             if any(connection.reads.values()):
                 limit = min(limit, POLL_S)
             if len(connection.outbox) < MAX_UNSENT_BYTES:
+                idle = connection.port is not None and connection.port.idle
                 for schedule in connection.schedules.values():
                     due = schedule.due_ns()
                     if due is not None:
+                        due += schedule.slack_ns() if idle else 0
                         limit = min(limit, max(0.0, (due - now_ns) / 1e9))
         return limit
 

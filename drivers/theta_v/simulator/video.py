@@ -107,6 +107,11 @@ class VideoStreaming:
             self._cure(Cure.RESTART)
             self.wants_keyframe = True
 
+    @property
+    def idle(self) -> bool:
+        """Whether the microframes to come are empty until the next picture is offered."""
+        return not self._packets and not self._waiting
+
     def control(self, request: int, selector: int, length: int, data: bytes) -> bytes:
         """A class request to the interface. Raises ProtocolStall."""
         if selector not in (VS_PROBE, VS_COMMIT):

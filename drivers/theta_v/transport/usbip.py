@@ -281,6 +281,9 @@ class UsbIpTransport:
                 await loop.sock_sendall(stream, usbip.operation(usbip.OP_REQ_IMPORT) + busid)
                 self._granted(usbip.decode_operation(await _exactly(stream, 8), usbip.OP_REP_IMPORT))
                 device = usbip.Device.decode(await _exactly(stream, usbip.DEVICE.size))
+        except ThetaError:
+            stream.close()
+            raise
         except TimeoutError:
             stream.close()
             raise ThetaTimeout(f"the {self.name} does not hand out the camera; restart it") from None
@@ -374,6 +377,8 @@ class UsbIpTransport:
                 self._wake.send(b"\0")
         except BlockingIOError:
             return  # it is full of unread wake-ups already
+        except OSError as error:
+            log.debug("the connection's thread has ended: %s", error)
 
     def _run(self, stream: socket.socket, wake: socket.socket) -> None:
         """The connection's thread. Ends when asked to or when the connection does, and says why."""

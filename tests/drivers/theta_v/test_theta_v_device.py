@@ -1,0 +1,236 @@
+"""The driver against the simulated camera, attached directly and over USB/IP."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+
+import pytest
+
+from drivers.theta_v import AccessUnit, Mode, ThetaConfig, ThetaV
+from drivers.theta_v.device.camera import TransportFactory
+from drivers.theta_v.device.stats import Link
+from drivers.theta_v.errors import ThetaGone, ThetaNotFound, ThetaRefused, ThetaWrongDevice
+from drivers.theta_v.simulator.attached import AttachedTransport
+from drivers.theta_v.simulator.camera import Composition, SimulatedThetaV
+from drivers.theta_v.simulator.faults import Cure, FaultPlan, PowerCycle, Stall, Unplug
+from drivers.theta_v.simulator.usbip_server import UsbIpServer
+from drivers.theta_v.transport.usbip import UsbIpTransport
+from tests.drivers.theta_v.pictures import KEY_INTERVAL, Feeder, stream, until
+
+PICTURES = stream(30, 192, 96)
+QUICK = ThetaConfig(stall_s=0.3, first_picture_s=0.5, backoff_min_s=0.02, backoff_max_s=0.1)
+
+Front = Callable[[SimulatedThetaV], "asynccontextmanager[TransportFactory]"]
+
+
+@asynccontextmanager
+async def attached(camera: SimulatedThetaV) -> AsyncIterator[TransportFactory]:
+    yield lambda: AttachedTransport(camera)
+
+
+@asynccontextmanager
+async def over_usbip(camera: SimulatedThetaV) -> AsyncIterator[TransportFactory]:
+    with UsbIpServer(camera) as server:
+        yield lambda: UsbIpTransport(server.host, server.port)
+
+
+fronts = pytest.mark.parametrize("front", [attached, over_usbip])
+
+
+async def take(camera: ThetaV, count: int, timeout_s: float = 15.0) -> list[AccessUnit]:
+    units: list[AccessUnit] = []
+    async with asyncio.timeout(timeout_s):
+        async for unit in camera.access_units():
+            units.append(unit)
+            if len(units) == count:
+                break
+    return units
+
+
+@fronts
+async def test_pictures_arrive_byte_for_byte_and_in_order(front: Front) -> None:
+    simulated = SimulatedThetaV()
+    recorded: list[AccessUnit] = []
+    async with front(simulated) as factory:
+        with Feeder(simulated, PICTURES):
+            async with ThetaV(factory, QUICK, on_access_unit=recorded.append) as camera:
+                units = await take(camera, 45)
+                stats = camera.stats
+    start = PICTURES.index(units[0].raw)
+    assert [u.raw for u in units] == [PICTURES[(start + i) % 30] for i in range(45)]
+    assert not any(u.tainted for u in units)
+    assert all(u.first_ns <= u.stamp_ns for u in units)
+    assert [u.stamp_ns for u in units] == sorted(u.stamp_ns for u in units)
+    assert recorded[0].raw == PICTURES[0], "the very first picture of the camera is not lost"
+    assert (stats.link, stats.detail, stats.lost, stats.damaged) == (Link.STREAMING, "", 0, 0)
+    assert (stats.model, stats.serial, stats.firmware) == ("RICOH THETA V", "00105377", "3.50.1")
+    assert (stats.usb_id, stats.width, stats.height) == ("05ca:2712", 192, 96)
+    assert 40 < stats.rate_hz < 80
+    assert camera.stats.link is Link.CLOSED
+    assert simulated.demand is None, "the camera does not go on streaming to nobody"
+
+
+@fronts
+async def test_the_configured_size_is_what_the_camera_is_asked_for(front: Front) -> None:
+    for mode in Mode:
+        simulated = SimulatedThetaV(probe_bytes=34)
+        async with front(simulated) as factory, ThetaV(factory, ThetaConfig(mode=mode)):
+            await until(lambda: simulated.demand is not None)  # noqa: B023 awaited in this very turn
+            demand = simulated.demand
+        assert demand is not None
+        assert (demand.width, demand.height) == mode.value
+
+
+@fronts
+async def test_a_camera_in_mtp_mode_is_woken_and_switched_to_live(front: Front) -> None:
+    simulated = SimulatedThetaV(composition=Composition.MTP, asleep=True, reenumeration_s=0.2)
+    async with front(simulated) as factory:
+        with Feeder(simulated, PICTURES):
+            async with ThetaV(factory, QUICK) as camera:
+                units = await take(camera, 3)
+    assert units[0].keyframe
+    assert simulated.composition is Composition.LIVE
+    assert simulated.ptp.properties[0xD803].current == 0
+    assert simulated.ptp.properties[0xD81B].current == 0
+
+
+@fronts
+async def test_an_unplugged_camera_is_taken_up_again(front: Front) -> None:
+    simulated = SimulatedThetaV()
+    async with front(simulated) as factory:
+        with Feeder(simulated, PICTURES):
+            async with ThetaV(factory, QUICK) as camera:
+                first = await take(camera, 5)
+                simulated.unplug()
+                await until(lambda: camera.stats.link is not Link.STREAMING)
+                assert "left the bus" in camera.stats.detail or "no THETA" in camera.stats.detail
+                await until(lambda: "no THETA" in camera.stats.detail)
+                simulated.replug()
+                again = await take(camera, 15)
+                await until(lambda: camera.stats.detail == "")
+                assert camera.stats.reconnects > 0
+    assert again[0].keyframe
+    assert again[0].sequence > first[-1].sequence
+    assert not any(u.tainted for u in again)
+
+
+@fronts
+@pytest.mark.parametrize("event", [Unplug(0.5, 0.3), PowerCycle(0.5, 0.3)])
+async def test_a_planned_absence_is_survived(front: Front, event: Unplug | PowerCycle) -> None:
+    simulated = SimulatedThetaV(plan=FaultPlan(events=(event,)), reenumeration_s=0.1)
+    async with front(simulated) as factory:
+        with Feeder(simulated, PICTURES):
+            async with ThetaV(factory, QUICK) as camera:
+                await until(lambda: camera.stats.reconnects > 0)
+                await until(lambda: camera.stats.link is Link.STREAMING)
+                assert len(await take(camera, 12)) == 12
+
+
+@fronts
+async def test_joining_in_the_middle_of_a_group_waits_for_its_key_picture(front: Front) -> None:
+    simulated = SimulatedThetaV()
+    seen: list[AccessUnit] = []
+    async with front(simulated) as factory:
+        with Feeder(simulated, PICTURES, start=4):
+            async with ThetaV(factory, QUICK, on_access_unit=seen.append) as camera:
+                units = await take(camera, 3)
+    assert units[0].raw == PICTURES[KEY_INTERVAL]
+    assert seen[0].taint == "no key picture yet"
+    assert not seen[0].decodable
+
+
+@fronts
+@pytest.mark.parametrize("cure", list(Cure))
+async def test_a_stalled_stream_is_brought_back_by_the_mildest_means(front: Front, cure: Cure) -> None:
+    simulated = SimulatedThetaV(plan=FaultPlan(events=(Stall(0.2, cure),)))
+    async with front(simulated) as factory:
+        with Feeder(simulated, PICTURES):
+            async with ThetaV(factory, QUICK) as camera:
+                await until(lambda: camera.stats.restarts > 0)
+                await until(lambda: camera.stats.detail == "" and camera.stats.link is Link.STREAMING)
+                assert camera.stats.restarts == {Cure.RESTART: 1, Cure.NEGOTIATE: 3, Cure.REOPEN: 3}[cure]
+                assert camera.stats.reconnects == (cure is Cure.REOPEN)
+                assert not any(u.tainted for u in await take(camera, 3))
+
+
+@fronts
+async def test_under_packet_loss_every_clean_picture_is_as_the_camera_made_it(front: Front) -> None:
+    plan = FaultPlan(seed=3, lost_packets=0.01, error_packets=0.01, missing_ends=0.03, lost_pictures=0.03)
+    simulated = SimulatedThetaV(plan=plan)
+    async with front(simulated) as factory:
+        with Feeder(simulated, PICTURES, rate_hz=120):
+            async with ThetaV(factory, QUICK) as camera:
+                units = await take(camera, 150)
+                stats = camera.stats
+    clean = [u for u in units if not u.tainted]
+    assert all(u.raw in PICTURES for u in clean)
+    assert 0 < len(clean) < len(units)
+    assert stats.damaged > 0
+    assert stats.lost > 0
+    assert stats.tainted > stats.damaged
+
+
+async def test_a_recorder_that_fails_does_not_stop_the_pictures() -> None:
+    def fail(_: AccessUnit) -> None:
+        raise OSError("disk full")
+
+    simulated = SimulatedThetaV()
+    with Feeder(simulated, PICTURES):
+        async with ThetaV(lambda: AttachedTransport(simulated), QUICK, on_access_unit=fail) as camera:
+            assert len(await take(camera, 5)) == 5
+
+
+async def test_two_readers_each_get_every_picture() -> None:
+    simulated = SimulatedThetaV()
+    with Feeder(simulated, PICTURES):
+        async with ThetaV(lambda: AttachedTransport(simulated), QUICK) as camera:
+            one, two = await asyncio.gather(take(camera, 12), take(camera, 12))
+    assert [u.sequence for u in one] == [u.sequence for u in two]
+
+
+@fronts
+async def test_asked_once_a_missing_camera_is_an_error_in_words(front: Front) -> None:
+    simulated = SimulatedThetaV()
+    simulated.unplug()
+    async with front(simulated) as factory:
+        with pytest.raises(ThetaNotFound, match="plugged in"):
+            async with ThetaV(factory, once=True):
+                pass
+
+
+@fronts
+async def test_asked_once_a_held_camera_and_a_wrong_serial_are_told_apart(front: Front) -> None:
+    simulated = SimulatedThetaV()
+    async with front(simulated) as factory:
+        with pytest.raises(ThetaWrongDevice, match="00105377"):
+            async with ThetaV(factory, ThetaConfig(serial="12345678"), once=True):
+                pass
+        async with ThetaV(factory, once=True):
+            with pytest.raises(ThetaRefused, match="another program"):
+                async with ThetaV(factory, once=True):
+                    pass
+
+
+@fronts
+async def test_asked_once_a_lost_camera_ends_the_pictures_with_an_error(front: Front) -> None:
+    simulated = SimulatedThetaV()
+    async with front(simulated) as factory:
+        with Feeder(simulated, PICTURES):
+            async with ThetaV(factory, QUICK, once=True) as camera:
+                units = camera.access_units()
+                assert (await anext(units)).keyframe
+                simulated.unplug()
+                with pytest.raises(ThetaGone, match="left the bus"):
+                    async with asyncio.timeout(10):
+                        async for _ in units:
+                            pass
+
+
+async def test_nobody_listening_is_an_error_in_words() -> None:
+    with UsbIpServer(SimulatedThetaV()) as server:
+        port = server.port
+    with pytest.raises(ThetaNotFound, match="start it, or check the address"):
+        async with ThetaV(lambda: UsbIpTransport("127.0.0.1", port), once=True):
+            pass
