@@ -53,7 +53,8 @@ def scan_of(data: ScanData, stamp_ns: int, arrival_ns: int, frame: bytes) -> Sca
         raise ValueError("the telegram has no distances")
     rssi = data.channel("RSSI1")
     metres = _physical(distance) * np.float32(1e-3)
-    metres[distance.samples < FIRST_RANGE_CODE] = np.nan
+    # No scale that a device sends makes a range negative or endless; damage might.
+    metres[(distance.samples < FIRST_RANGE_CODE) | ~(metres > 0) | np.isinf(metres)] = np.nan
     return Scan(
         stamp_ns=stamp_ns,
         ranges=metres,

@@ -17,8 +17,10 @@ import pytest
 from drivers.tim571 import Scan, TcpTransport, TiM571, Tim571Simulator, TimConfig, TimError, probe
 from drivers.tim571.codec.commands import OutputContent
 from drivers.tim571.codec.dialect import Dialect
+from drivers.tim571.codec.scandata import ScanData
 from drivers.tim571.codec.telegram import Receiver
 from drivers.tim571.device.continuity import Continuity, Step
+from drivers.tim571.device.scan import scan_of
 from drivers.tim571.device.stats import DeviceState, LinkState
 from drivers.tim571.errors import TimRefusedError, TimTimeoutError, TimUnreachableError
 from drivers.tim571.geometry import BEAM_YAW, BEAMS
@@ -170,7 +172,7 @@ async def test_the_ticks_may_wrap() -> None:
 
 
 async def test_a_stalled_link_is_noticed_and_opened_again(until: Until) -> None:
-    faults = FaultPlan(stall=(0.6, 1.0))
+    faults = FaultPlan(stall=(0.4, 0.9))
     async with Tim571Simulator(faults=faults) as simulator, lidar_at(simulator) as lidar:
         await take(lidar, 2)
         await until(lambda: lidar.stats.state is not LinkState.STREAMING)
@@ -185,7 +187,7 @@ async def test_a_stalled_link_is_noticed_and_opened_again(until: Until) -> None:
 
 
 async def test_a_planned_unplug_is_survived(until: Until) -> None:
-    faults = FaultPlan(unplug=(0.4, 0.4))
+    faults = FaultPlan(unplug=(0.3, 0.2))
     async with Tim571Simulator(faults=faults) as simulator, lidar_at(simulator) as lidar:
         await until(lambda: lidar.stats.reconnects == 1)
         await take(lidar, 2)
@@ -440,3 +442,21 @@ def test_receiving_and_decoding_take_any_stream_without_raising() -> None:
         receiver = Receiver(dialect)
         for _ in range(500):
             receiver.feed(rng.randbytes(rng.randrange(300)))
+
+
+@pytest.mark.parametrize("scale", [0.0, -1.0, float("inf"), float("nan"), 3e38])
+def test_a_damaged_scale_gives_no_ranges_rather_than_wrong_ones(
+    make_scan: Callable[..., ScanData], scale: float
+) -> None:
+    distance = make_scan().channels16[0]
+    scan = scan_of(make_scan(channels16=(replace(distance, scale=scale),)), 0, 0, b"")
+    assert not np.isinf(scan.ranges).any()
+    assert not (scan.ranges <= 0).any()
+
+
+def test_a_part_of_the_revolution_points_where_its_beams_do(make_scan: Callable[..., ScanData]) -> None:
+    distance = make_scan(beams=541).channels16[0]
+    part = scan_of(make_scan(channels16=(replace(distance, start_1e4deg=0),)), 0, 0, b"")
+    assert np.array_equal(part.yaw, BEAM_YAW[135:676])
+    coarse = scan_of(make_scan(channels16=(replace(distance, step_1e4deg=5000),)), 0, 0, b"")
+    assert np.degrees(coarse.yaw[[0, -1]]).tolist() == pytest.approx([-135, 135])
