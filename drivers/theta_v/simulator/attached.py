@@ -90,11 +90,13 @@ class AttachedTransport:
         if self._watch is not None:
             self._watch.cancel()
             self._watch = None
-        await self.stop_isochronous()
-        if self._port is not None:
-            self._port.disconnect()
-            self._port = None
-        self._claims.clear()
+        try:
+            await self.stop_isochronous()
+        finally:
+            if self._port is not None:
+                self._port.disconnect()
+                self._port = None
+            self._claims.clear()
 
     async def control(
         self,

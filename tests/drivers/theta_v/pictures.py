@@ -45,7 +45,7 @@ class Feeder:
     """Offers the units round and round, in a thread, whenever the camera streams."""
 
     def __init__(
-        self, camera: SimulatedThetaV, units: tuple[bytes, ...], rate_hz: float = 60.0, start: int = 0
+        self, camera: SimulatedThetaV, units: tuple[bytes, ...], rate_hz: float = 100.0, start: int = 0
     ) -> None:
         self._camera, self._units, self._start = camera, units, start
         self._period_s = 1 / rate_hz

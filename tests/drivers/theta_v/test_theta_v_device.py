@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 
 import pytest
 
@@ -20,9 +20,9 @@ from drivers.theta_v.transport.usbip import UsbIpTransport
 from tests.drivers.theta_v.pictures import KEY_INTERVAL, Feeder, stream, until
 
 PICTURES = stream(30, 192, 96)
-QUICK = ThetaConfig(stall_s=0.3, first_picture_s=0.5, backoff_min_s=0.02, backoff_max_s=0.1)
+QUICK = ThetaConfig(stall_s=0.25, first_picture_s=0.3, backoff_min_s=0.02, backoff_max_s=0.1)
 
-Front = Callable[[SimulatedThetaV], "asynccontextmanager[TransportFactory]"]
+Front = Callable[[SimulatedThetaV], AbstractAsyncContextManager[TransportFactory]]
 
 
 @asynccontextmanager
@@ -67,7 +67,7 @@ async def test_pictures_arrive_byte_for_byte_and_in_order(front: Front) -> None:
     assert (stats.link, stats.detail, stats.lost, stats.damaged) == (Link.STREAMING, "", 0, 0)
     assert (stats.model, stats.serial, stats.firmware) == ("RICOH THETA V", "00105377", "3.50.1")
     assert (stats.usb_id, stats.width, stats.height) == ("05ca:2712", 192, 96)
-    assert 40 < stats.rate_hz < 80
+    assert 60 < stats.rate_hz < 110
     assert camera.stats.link is Link.CLOSED
     assert simulated.demand is None, "the camera does not go on streaming to nobody"
 
@@ -117,7 +117,7 @@ async def test_an_unplugged_camera_is_taken_up_again(front: Front) -> None:
 
 
 @fronts
-@pytest.mark.parametrize("event", [Unplug(0.5, 0.3), PowerCycle(0.5, 0.3)])
+@pytest.mark.parametrize("event", [Unplug(0.3, 0.2), PowerCycle(0.3, 0.2)])
 async def test_a_planned_absence_is_survived(front: Front, event: Unplug | PowerCycle) -> None:
     simulated = SimulatedThetaV(plan=FaultPlan(events=(event,)), reenumeration_s=0.1)
     async with front(simulated) as factory:
@@ -144,7 +144,7 @@ async def test_joining_in_the_middle_of_a_group_waits_for_its_key_picture(front:
 @fronts
 @pytest.mark.parametrize("cure", list(Cure))
 async def test_a_stalled_stream_is_brought_back_by_the_mildest_means(front: Front, cure: Cure) -> None:
-    simulated = SimulatedThetaV(plan=FaultPlan(events=(Stall(0.2, cure),)))
+    simulated = SimulatedThetaV(plan=FaultPlan(events=(Stall(0.1, cure),)))
     async with front(simulated) as factory:
         with Feeder(simulated, PICTURES):
             async with ThetaV(factory, QUICK) as camera:
@@ -160,9 +160,9 @@ async def test_under_packet_loss_every_clean_picture_is_as_the_camera_made_it(fr
     plan = FaultPlan(seed=3, lost_packets=0.01, error_packets=0.01, missing_ends=0.03, lost_pictures=0.03)
     simulated = SimulatedThetaV(plan=plan)
     async with front(simulated) as factory:
-        with Feeder(simulated, PICTURES, rate_hz=120):
+        with Feeder(simulated, PICTURES, rate_hz=150):
             async with ThetaV(factory, QUICK) as camera:
-                units = await take(camera, 150)
+                units = await take(camera, 120)
                 stats = camera.stats
     clean = [u for u in units if not u.tainted]
     assert all(u.raw in PICTURES for u in clean)
@@ -223,9 +223,12 @@ async def test_asked_once_a_lost_camera_ends_the_pictures_with_an_error(front: F
                 assert (await anext(units)).keyframe
                 simulated.unplug()
                 with pytest.raises(ThetaGone, match="left the bus"):
-                    async with asyncio.timeout(10):
-                        async for _ in units:
-                            pass
+                    await asyncio.wait_for(exhaust(units), 10)
+
+
+async def exhaust(units: AsyncIterator[AccessUnit]) -> None:
+    async for _ in units:
+        pass
 
 
 async def test_nobody_listening_is_an_error_in_words() -> None:

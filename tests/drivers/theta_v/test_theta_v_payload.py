@@ -6,16 +6,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.theta_v.codec.payload import EOF, EOH, ERR, Assembler, Flaw, Packet, Quality, Unit
+from drivers.theta_v.codec.payload import EOF, EOH, ERR, MAX_UNIT_BYTES, Assembler, Flaw, Packet, Quality, Unit
 from drivers.theta_v.simulator.packetiser import packetise
 
 SIZES = (1, 3069, 3070, 3071, 6140, 2 << 20)
 PREAMBLE = packetise(b"swallowed while joining", 1)
 
 
-def assemble(packets: list[bytes] | list[Packet], **settings: int) -> list[Unit]:
+def assemble(packets: list[bytes] | list[Packet], max_bytes: int = MAX_UNIT_BYTES) -> list[Unit]:
     """Feed a stream that was joined properly: the unit before it is discarded by the start rule."""
-    assembler = Assembler(**settings)
+    assembler = Assembler(max_bytes)
     assert assembler.feed(0, [(0, p) for p in PREAMBLE]) == []
     tagged = [p if isinstance(p, tuple) else (0, p) for p in packets]
     return assembler.feed(1, tagged)
@@ -137,8 +137,8 @@ def test_any_loss_with_status_yields_only_identical_or_marked_units(sent: list[b
         packets += [(0, p) for p in packetise(unit, i & 1, packet_bytes=12)]
     lost = data.draw(st.lists(st.booleans(), min_size=len(packets), max_size=len(packets)))
     packets = [(-18, b"") if gone else p for gone, p in zip(lost, packets, strict=True)]
-    for unit in assemble(packets):
-        assert unit.quality is not Quality.CLEAN or unit.data in sent
+    for got in assemble(packets):
+        assert got.quality is not Quality.CLEAN or got.data in sent
 
 
 @given(st.lists(st.tuples(st.sampled_from([0, 0, 0, -18]), st.binary(max_size=40)), max_size=60))
