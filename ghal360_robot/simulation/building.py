@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 SIDES: tuple[Side, ...] = ("n", "s", "e", "w")
 STEP_M = 0.4
 """Walls, floors and ceilings are cut this fine, so that light can vary over them."""
+LEVELS_M = (0.2, 0.5, 1.0, 1.5, 2.0, 2.2, 2.4)
+"""Walls are cut at these heights everywhere, so that neighbouring pieces meet in the same light."""
 TRIM = Surface("plain", (0.93, 0.93, 0.92))
 CASING_M = 0.08
 HEAD_M = 2.20
@@ -176,10 +178,13 @@ def _wall_face(frame: Frame, length: float, holes: list[tuple[float, float, floa
         middle = (a + b) / 2
         hole = next((h for h in holes if abs(middle - h[0]) < h[1] / 2), None)
         spans = [(0.0, CEILING_M)] if hole is None else [(0.0, hole[2]), (hole[3], CEILING_M)]
-        for low, high in spans:
-            if high - low > 1e-6:
-                steps = (math.ceil((b - a) / STEP_M), math.ceil((high - low) / STEP_M))
-                frame.sheet((a, 0, low), (b - a, 0, 0), (0, 0, high - low), surface, steps=steps)
+        steps = (math.ceil((b - a) / STEP_M), 1)
+        for bottom, top in spans:
+            levels = [bottom, *(level for level in LEVELS_M if bottom < level < top), top]
+            for low, high in pairwise(levels):
+                if high - low > 1e-6:
+                    rise = (0.0, 0.0, high - low)
+                    frame.sheet((a, 0, low), (b - a, 0, 0), rise, surface, steps=steps, start=(a, low))
 
 
 def _window(frame: Frame, middle: float, opening: Opening, style: Style) -> None:

@@ -106,10 +106,11 @@ class Frame:
         *,
         steps: tuple[int, int] = (1, 1),
         whole: bool = False,
+        start: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         """A subdivided rectangle from its lower left corner, seen from `right` x `up`.
 
-        The texture repeats by metres along both edges, or covers the sheet once if `whole`.
+        The texture repeats by metres along both edges from `start`, or covers the sheet once if `whole`.
         """
         a, b = np.linspace(0.0, 1.0, steps[0] + 1), np.linspace(0.0, 1.0, steps[1] + 1)
         aa, bb = (part.ravel() for part in np.meshgrid(a, b))
@@ -120,7 +121,8 @@ class Frame:
         scale = (
             (1.0, 1.0) if whole else (np.linalg.norm(edge_r) / surface.metres, np.linalg.norm(edge_u) / surface.metres)
         )
-        uv = np.column_stack((aa * scale[0], bb * scale[1]))
+        shift = (start[0] / surface.metres, start[1] / surface.metres)
+        uv = np.column_stack((aa * scale[0] + shift[0], bb * scale[1] + shift[1]))
         self._emit(points, normals, uv, _grid_triangles(steps[0], steps[1]), surface)
 
     def box(

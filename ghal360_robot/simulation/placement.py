@@ -32,8 +32,8 @@ WALK_M = (4.6, 8.2)
 """Walk from the start to the arrival, measured on the grid (which overstates by up to 8 %)."""
 DOORWAY_M = 0.95
 """Nothing movable stands closer than this to the middle of a doorway."""
-FACING_ITS_USER = ("laptop",)
-"""Things that are put down so that someone in front of them can use them."""
+FACING_ITS_USER = ("laptop", "television")
+"""Things that are put where someone in front of them can use them."""
 TRIES = 400
 
 
@@ -234,6 +234,7 @@ class Scene:
 
     def _start(self, target: WorldObject) -> Pose2:
         """A roomy place a few metres' walk from the target, out of its sight if there is one."""
+        self._require(self._approachable(target), "something stands before the target")
         free = self.clearance > ROBOT_RADIUS_M
         near = np.hypot(*(self.points - (target.x, target.y)).T).reshape(self.shape) < ARRIVED_M
         arrived = free & near

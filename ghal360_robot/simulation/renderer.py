@@ -105,7 +105,7 @@ class PanoramaRenderer:
             lights[room.name] = add_room(mesh, plan, room)
             for item in self.world.objects:
                 if self._room_of(item.x, item.y) is room:
-                    add_thing(mesh.at(item.x, item.y, item.z, item.yaw), item, seed)
+                    add_thing(mesh.at(item.x, item.y, item.z, item.yaw), item, seed, room.name)
                     if item.solid or item.name in SMALL_THINGS:
                         add_shadow(shadows.at(item.x, item.y, item.z, item.yaw), item)
             self._rooms[room.name] = self._attach(room.name, mesh, lights[room.name], room)
@@ -148,6 +148,8 @@ class PanoramaRenderer:
             texture.setup2dTexture(width, height, core.Texture.TUnsignedByte, layout)
             order = [2, 1, 0, 3][:channels]
             texture.setRamImage(np.ascontiguousarray(pixels[::-1, :, order]).tobytes())
+            # Better filters than the default one show specks and a green tint, and take three times as long.
+            texture.setQualityLevel(core.Texture.QLNormal)
             texture.setMinfilter(core.SamplerState.FTLinearMipmapLinear)
             texture.setMagfilter(core.SamplerState.FTLinear)
             repeats = channels == 3

@@ -105,21 +105,21 @@ def carpet(rng: Generator) -> Picture:
 
 def tiles(rng: Generator) -> Picture:
     """Square floor or wall tiles, 4 x 4 per repeat."""
-    size, count = 256, 4
+    size, count = 512, 4
     step = size // count
     field = np.repeat(np.repeat(1.0 + 0.025 * rng.standard_normal((count, count)), step, 0), step, 1)
     field += 0.012 * noise(rng, (size, size), 1.2)
     along = np.arange(size) % step
-    grout = (along < 2).astype(float)
+    grout = (along < 3).astype(float)
     field *= 1 - 0.22 * np.maximum(grout[:, None], grout[None, :])
     return tinted(np.clip(field * 0.94, 0, 1), (1.0, 1.0, 1.0))
 
 
 def ceiling(rng: Generator) -> Picture:
     """Mineral fibre panels, 2 x 2 per repeat, in a thin metal grid."""
-    size = 256
+    size = 512
     field = 0.95 - 0.05 * (rng.random((size, size)) > 0.93) + 0.012 * noise(rng, (size, size), 0.5)
-    line = (np.arange(size) % (size // 2)) < 3
+    line = (np.arange(size) % (size // 2)) < 5
     field[line], field[:, line] = 0.83, 0.83
     return tinted(field, (1.0, 1.0, 0.99))
 

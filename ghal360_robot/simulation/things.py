@@ -559,15 +559,20 @@ BUILDERS: dict[str, Builder] = {
 }  # fmt: skip
 
 
-def add_thing(frame: Frame, item: WorldObject, seed: int) -> None:
-    """The model of one thing; the same kind differs a little from place to place."""
-    rng = np.random.default_rng([seed, round(item.x * 100), round(item.y * 100)])
+ALIKE = frozenset({"chair", "office chair", "desk", "bookshelf", "filing cabinet"})
+"""Kinds that are bought as a set: all of a room look the same."""
+
+
+def add_thing(frame: Frame, item: WorldObject, seed: int, room: str) -> None:
+    """The model of one thing; other kinds than the `ALIKE` ones differ from place to place."""
+    own = (*room.encode(), *item.name.encode()) if item.name in ALIKE else (round(item.x * 100), round(item.y * 100))
+    rng = np.random.default_rng([seed, *own])
     BUILDERS[item.name](frame, item, rng)
 
 
 def add_shadow(ground: Frame, item: WorldObject) -> None:
     """What a standing thing takes from the light of the floor or table under it."""
-    spread = min(0.22, 0.05 + 0.25 * item.size[2])
+    spread = min(0.22, 0.05 + 0.25 * item.size[2], 0.6 * max(item.size[:2]))
     w, d = item.size[0] + 2 * spread, item.size[1] + 2 * spread
     surface = Surface("spot" if item.round else "shadow", (0.0, 0.0, 0.0), alpha=0.36, glows=True)
     ground.sheet((-w / 2, -d / 2, 0.006), (w, 0, 0), (0, d, 0), surface, whole=True)

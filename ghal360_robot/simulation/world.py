@@ -63,6 +63,11 @@ class World:
             return 0.0
         return float(self._solids.clearance(np.array([[x, y]]))[0])
 
+    def clearances(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+        """`clearance` at many points of any shape inside the building."""
+        points = np.column_stack((np.ravel(x), np.ravel(y)))
+        return self._solids.clearance(points).reshape(np.shape(x))
+
     def visible(self, x: float, y: float, z: float, obj: WorldObject) -> bool:
         """Whether nothing stands between a camera at (x, y, z) and the middle of an object."""
         others = self._all_but(obj)
