@@ -65,6 +65,13 @@ def test_a_lost_packet_damages_its_frame(status: int) -> None:
     assert unit.flaws == Flaw.LOST_PACKET
 
 
+def test_a_packet_lost_just_before_an_empty_end_of_frame_damages_its_frame() -> None:
+    packets: list[Packet] = [(0, p) for p in packetise(b"a" * 6000, 0, end_in_data=False)]
+    packets[-2] = (-18, b"")
+    (unit,) = assemble(packets)
+    assert unit.quality is Quality.DAMAGED
+
+
 @pytest.mark.parametrize("bad", [b"\x02", b"\x00\x80abc", b"\x01\x80abc", b"\x09\x80abc"])
 def test_a_packet_with_an_impossible_header_damages_its_frame(bad: bytes) -> None:
     packets = packetise(b"a" * 6000, 0)
@@ -130,11 +137,13 @@ def test_stamps_are_those_of_the_batches_with_the_first_and_the_last_byte() -> N
 units_lists = st.lists(st.binary(min_size=1, max_size=60), min_size=1, max_size=12)
 
 
-@given(units_lists, st.data())
-def test_any_loss_with_status_yields_only_identical_or_marked_units(sent: list[bytes], data: st.DataObject) -> None:
+@given(units_lists, st.booleans(), st.data())
+def test_any_loss_with_status_yields_only_identical_or_marked_units(
+    sent: list[bytes], end_in_data: bool, data: st.DataObject
+) -> None:
     packets: list[Packet] = []
     for i, unit in enumerate(sent):
-        packets += [(0, p) for p in packetise(unit, i & 1, packet_bytes=12)]
+        packets += [(0, p) for p in packetise(unit, i & 1, packet_bytes=12, end_in_data=end_in_data)]
     lost = data.draw(st.lists(st.booleans(), min_size=len(packets), max_size=len(packets)))
     packets = [(-18, b"") if gone else p for gone, p in zip(lost, packets, strict=True)]
     for got in assemble(packets):

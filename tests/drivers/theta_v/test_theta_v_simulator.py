@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 
+from drivers.theta_v.codec.payload import EOF, ERR
 from drivers.theta_v.codec.probe import Probe
 from drivers.theta_v.errors import ThetaGone, ThetaNotFound, ThetaStall
 from drivers.theta_v.simulator.camera import Composition, Port, SimulatedThetaV
@@ -75,23 +76,29 @@ def carried(plan: FaultPlan) -> list[tuple[int, int, bytes]]:
     return found
 
 
-@pytest.mark.parametrize("rate", ["lost_packets", "vanished_packets", "corrupt_packets", "error_packets",
-                                  "missing_ends", "lost_pictures"])  # fmt: skip
-def test_each_fault_shows_and_the_same_seed_shows_the_same(rate: str) -> None:
-    plan = FaultPlan(seed=1)
-    whole = carried(plan)
-    faulty = carried(replace(plan, **{rate: 0.3}))  # type: ignore[arg-type] all rates are numbers
-    assert faulty == carried(replace(plan, **{rate: 0.3}))  # type: ignore[arg-type]
-    assert faulty != carried(replace(plan, seed=2, **{rate: 0.3}))  # type: ignore[arg-type]
-    assert faulty != whole
-    marked = {"lost_packets": any(status for _, status, _ in faulty),
-              "error_packets": any(data[1] & 0x40 for _, _, data in faulty if data),
-              "missing_ends": sum(data[1] >> 1 & 1 for _, _, data in faulty if data) < len(PICTURES)}  # fmt: skip
-    assert marked.get(rate, True)
-    if rate == "corrupt_packets":
+@pytest.mark.parametrize(
+    "plan",
+    [
+        FaultPlan(1, lost_packets=0.3),
+        FaultPlan(1, vanished_packets=0.3),
+        FaultPlan(1, corrupt_packets=0.3),
+        FaultPlan(1, error_packets=0.3),
+        FaultPlan(1, missing_ends=0.3),
+        FaultPlan(1, lost_pictures=0.3),
+    ],
+)
+def test_each_fault_shows_and_the_same_seed_shows_the_same(plan: FaultPlan) -> None:
+    whole, faulty = carried(FaultPlan()), carried(plan)
+    assert faulty == carried(plan)
+    assert faulty != carried(replace(plan, seed=2))
+    assert any(status for _, status, _ in faulty) == bool(plan.lost_packets)
+    assert any(data[1] & ERR for _, _, data in faulty if data) == bool(plan.error_packets)
+    assert (len(faulty) < len(whole)) == bool(plan.vanished_packets or plan.lost_pictures)
+    if plan.missing_ends:
+        assert 0 < sum(bool(data[1] & EOF) for _, _, data in faulty) < len(PICTURES)
+    if plan.corrupt_packets:
         assert [len(data) for _, _, data in faulty] == [len(data) for _, _, data in whole]
-    if rate in ("vanished_packets", "lost_pictures"):
-        assert len(faulty) < len(whole)
+        assert faulty != whole
 
 
 def test_the_cable_is_pulled_and_put_back_when_the_plan_says() -> None:
