@@ -89,7 +89,7 @@ class ThetaV:
             task.result()  # a mistake of this driver must not go unnoticed
 
     async def access_units(self) -> AsyncIterator[AccessUnit]:
-        """The pictures from the next key picture on, newest first served (see `Mailbox`).
+        """The pictures in order, from the next key picture on; a slow reader skips ahead (see `Mailbox`).
 
         Several readers may each have their own iteration. It ends when the camera is closed.
         """

@@ -18,8 +18,8 @@ def packetise(
 ) -> list[bytes]:
     """Cut one unit into payloads with frame bit `fid`.
 
-    `header` is appended to the two header bytes (time stamps and vendor data of newer gadgets; its own flag
-    bits are the caller's, in its first byte's place they are not). Without `end_in_data` the end of frame
+    `header` lengthens the two header bytes (time stamps and vendor data of newer gadgets); its length is
+    announced, its flag bits are not set. Without `end_in_data` the end of frame
     comes in an empty payload of its own.
     """
     size = HEADER_BYTES + len(header)
