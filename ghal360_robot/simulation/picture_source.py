@@ -71,7 +71,10 @@ class PictureSource:
         self._reader: threading.Thread | None = None
         self._closing = threading.Event()
         self._ready = threading.Event()
+        self._complaints: BinaryIO | None = None
         self._lock = threading.Lock()
+        self._pose_lock = threading.Lock()
+        """Keeps a pose from being written to a pipe that is just being closed."""
         self._recent: deque[tuple[int, float, float, int]] = deque(maxlen=STATISTICS_PICTURES)
         self._pictures = 0
         self.error: Exception | None = None
@@ -87,44 +90,58 @@ class PictureSource:
 
     def start(self) -> None:
         """Start the process and wait until it can deliver. Raises PictureSourceError if it cannot."""
+        self._launch()
+        try:
+            self._wait_until_ready()
+        except BaseException:
+            self.close()
+            raise
+
+    def _launch(self) -> None:
         receive, send = os.pipe()
-        self._complaints = tempfile.TemporaryFile()  # noqa: SIM115 - closed by close()
+        complaints = tempfile.TemporaryFile()  # noqa: SIM115 - closed by close()
         command = [sys.executable, "-m", "ghal360_robot.simulation.picture_process", self._order.to_json(), str(send)]
         try:
             self._process = subprocess.Popen(  # noqa: S603 - our own module, arguments of ours
                 command,
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
-                # Panda3D complains about the missing screen there; only the end of it is kept, for a crash.
-                stderr=self._complaints,
+                # Panda3D complains about the missing screen there; its last line explains a crash.
+                stderr=complaints,
                 pass_fds=(send,),
                 env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
                 bufsize=0,
             )
+        except OSError as error:
+            os.close(receive)
+            complaints.close()
+            raise PictureSourceError(f"Cannot start the simulated camera's process: {error.strerror}.") from error
         finally:
             os.close(send)
+        self._complaints = complaints
         assert self._process.stdin is not None  # noqa: S101 - a pipe was asked for
         self._pose_pipe = self._process.stdin.fileno()
         os.set_blocking(self._pose_pipe, False)
         pipe = os.fdopen(receive, "rb")
         self._reader = threading.Thread(target=self._read, args=(pipe,), name="pictures", daemon=True)
         self._reader.start()
+
+    def _wait_until_ready(self) -> None:
         deadline = time.monotonic() + START_TIMEOUT_S
         while not self._ready.wait(0.05):
-            if self.error is not None or time.monotonic() > deadline:
-                error = self.error or PictureSourceError(
+            if self.error is not None:
+                raise self.error
+            if time.monotonic() > deadline:
+                raise PictureSourceError(
                     f"The simulated camera did not start within {START_TIMEOUT_S:.0f} s; is this machine overloaded?"
                 )
-                self.close()
-                raise error
 
     def set_pose(self, pose: Pose2) -> None:
         """Tell where the robot stands now. Never blocks; a process too busy to listen misses this one."""
-        if self._process is None or self._closing.is_set():
-            return
         # A dead process shows in `error`, not here; a full pipe means it is far behind already.
-        with suppress(BlockingIOError, BrokenPipeError):
-            os.write(self._pose_pipe, POSE.pack(pose.x, pose.y, pose.yaw))
+        with self._pose_lock, suppress(BlockingIOError, BrokenPipeError):
+            if self._process is not None and not self._closing.is_set():
+                os.write(self._pose_pipe, POSE.pack(pose.x, pose.y, pose.yaw))
 
     def statistics(self) -> PictureStats:
         with self._lock:
@@ -144,7 +161,7 @@ class PictureSource:
         if process is None:
             return
         if process.stdin is not None:
-            with suppress(BrokenPipeError):
+            with self._pose_lock, suppress(BrokenPipeError):
                 process.stdin.close()
         for insist in (process.terminate, process.kill):
             try:
@@ -156,7 +173,8 @@ class PictureSource:
         if self._reader is not None and self._reader is not threading.current_thread():
             self._reader.join(END_TIMEOUT_S)
         self._process = None
-        self._complaints.close()
+        if self._complaints is not None:
+            self._complaints.close()
 
     def __enter__(self) -> Self:
         self.start()
@@ -173,6 +191,9 @@ class PictureSource:
                 while header := pipe.read(HEADER.size):
                     self._take(pipe, header)
             except PictureSourceError as error:
+                self._fail(error)
+                return
+            except Exception as error:  # noqa: BLE001 - a callback's own failure must be told, not end a thread unseen
                 self._fail(error)
                 return
         self._fail(PictureSourceError(f"The simulated camera's process ended unexpectedly{self._last_words()}."))
@@ -205,6 +226,8 @@ class PictureSource:
             self._report(error)
 
     def _last_words(self) -> str:
+        if self._complaints is None or self._complaints.closed:
+            return ""
         self._complaints.seek(0)
         lines = [line for line in self._complaints.read().decode(errors="replace").splitlines() if line.strip()]
         return f" ({lines[-1].strip()})" if lines else ""

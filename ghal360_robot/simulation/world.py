@@ -80,14 +80,14 @@ class World:
         return Shapes.of(solid, self.plan.wall_boxes(), CEILING_M)
 
     @cached_property
-    def _views(self) -> dict[int, Shapes]:
+    def _views(self) -> dict[WorldObject, Shapes]:
         return {}
 
     def _all_but(self, obj: WorldObject) -> Shapes:
-        if id(obj) not in self._views:
+        if obj not in self._views:
             others = (item for item in self.objects if item != obj)
-            self._views[id(obj)] = Shapes.of(others, self.plan.wall_boxes(), CEILING_M)
-        return self._views[id(obj)]
+            self._views[obj] = Shapes.of(others, self.plan.wall_boxes(), CEILING_M)
+        return self._views[obj]
 
 
 def build_world(name: WorldName | str, seed: int, target: str = "backpack") -> World:

@@ -119,6 +119,19 @@ def test_the_death_of_the_process_is_reported_once_and_closing_is_quick(folder: 
     assert source.error is received.errors[0]
 
 
+def test_a_callback_that_fails_is_reported_and_does_not_hang_anything(folder: Path) -> None:
+    source = FolderPictureSource(folder)
+    received = Received(source)
+
+    def stumble(stamp_ns: int, unit: bytes) -> None:
+        raise KeyError(stamp_ns, len(unit))
+
+    source.on_access_unit(stumble)
+    with source:
+        wait_until(lambda: bool(received.errors), "the report")
+    assert isinstance(received.errors[0], KeyError)
+
+
 def test_closing_is_bounded_even_if_the_process_hangs(folder: Path) -> None:
     source = FolderPictureSource(folder)
     received = Received(source)

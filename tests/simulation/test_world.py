@@ -19,7 +19,7 @@ from ghal360_robot.simulation.world import (
 )
 
 built = functools.cache(build_world)
-CASES = [(name, seed, target) for name in ("office", "home") for target in TARGETS for seed in (0, 1, 2)]
+CASES = [(name, seed, target) for name in ("office", "home") for target in TARGETS for seed in (0, 1)]
 
 
 @pytest.fixture(scope="module", params=CASES, ids=lambda case: "-".join(map(str, case)))
@@ -91,6 +91,16 @@ def test_the_target_is_rarely_in_sight_of_the_start() -> None:
     worlds = [built(name, seed, target) for name, seed, target in CASES]
     seen = [world.visible(world.start.x, world.start.y, CAMERA_HEIGHT_M, world.target_object()) for world in worlds]
     assert np.mean(seen) < 0.3
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("name", ["office", "home"])
+@pytest.mark.parametrize("target", TARGETS)
+def test_fifty_seeds_give_a_world(name: str, target: str) -> None:
+    for seed in range(1000, 1050):
+        world = build_world(name, seed, target)
+        assert world.clearance(world.start.x, world.start.y) >= 0.55
+        assert sum(item.name == target for item in world.objects) == 1
 
 
 @pytest.mark.parametrize("name", ["office", "home"])
