@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from ghal360_robot.simulation.placement import CELL_M, flood, walking_distance
+from ghal360_robot.simulation.floor_grid import CELL_M, flood, walking_distance
 from ghal360_robot.simulation.world import (
     CAMERA_HEIGHT_M,
     ROBOT_RADIUS_M,
