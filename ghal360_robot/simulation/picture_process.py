@@ -81,7 +81,12 @@ class RenderedScenery:
 
     def __init__(self, order: Order) -> None:
         # The folder's pictures need no renderer, and loading it takes a second.
-        from ghal360_robot.simulation.renderer import PanoramaRenderer  # noqa: PLC0415
+        try:
+            from ghal360_robot.simulation.renderer import PanoramaRenderer  # noqa: PLC0415
+        except ModuleNotFoundError as error:
+            raise RuntimeError(
+                f"The renderer needs the package {error.name}; install it with: pip install 'ghal360-robot[sim]'"
+            ) from error
 
         world = build_world(order.world, order.seed, order.target)
         self.start = world.start
