@@ -47,6 +47,9 @@ LINK_PERIOD_S = 1.0
 """How often the state of the links goes into the recording and to systemd."""
 
 READY_POLL_S = 0.05
+LAST_INPUTS_S = 0.5
+"""Closed devices end their streams within a turn of the event loop."""
+
 SWITCH_INTERVAL_S = 0.001
 """Python's default of 5 ms lets a busy thread hold the control loop's up for a quarter of its period."""
 
@@ -80,6 +83,7 @@ class Robot:
         self.started = asyncio.Event()
         self.found = asyncio.Event()
         self._worker: DetectionWorker
+        self._feeding: list[asyncio.Task[None]] = []
 
     async def run(self, stop: asyncio.Event) -> RunReport:
         """Until `stop` is set. Raises GhalError when a device does not come up, or the recording cannot be made."""
@@ -89,6 +93,7 @@ class Robot:
         logging.getLogger().addHandler(recorded)
         try:
             async with AsyncExitStack() as stack:
+                stack.push_async_callback(self._last_inputs)
                 await self._assemble(stack)
                 await self._ready(stop)
                 self.journal = Journal(time.monotonic_ns())
@@ -129,6 +134,7 @@ class Robot:
         self.inputs = (camera, lidar, base)
         for device in self.inputs:  # left in reverse order: the base comes to a stop first
             await device.enter(stack)
+            self._feeding.append(asyncio.create_task(device.run(), name=device.name))
         self.loop = ControlLoop(
             board=board,
             brain=brain,
@@ -163,13 +169,12 @@ class Robot:
         sys.setswitchinterval(SWITCH_INTERVAL_S)
         notifier = self.loop.notifier
         notifier.ready()
-        feeders = [asyncio.create_task(device.run(), name=device.name) for device in self.inputs]
-        feeders.append(asyncio.create_task(self._report_links(), name="links"))
+        own = [asyncio.create_task(self._report_links(), name="links")]
         if self.operator is not None:
-            feeders.append(asyncio.create_task(self.operator.run(self), name="operator"))
+            own.append(asyncio.create_task(self.operator.run(self), name="operator"))
         ticking = asyncio.create_task(self.loop.run(stop), name="control loop")
         try:
-            done, _ = await asyncio.wait({ticking, *feeders}, return_when=asyncio.FIRST_COMPLETED)
+            done, _ = await asyncio.wait({ticking, *own, *self._feeding}, return_when=asyncio.FIRST_COMPLETED)
             failed = next((task for task in done if not task.cancelled() and task.exception()), None)
             if failed is not None:
                 logger.error("%s failed: %r", failed.get_name(), failed.exception())
@@ -178,11 +183,18 @@ class Robot:
                 raise GhalError(f"{next(iter(done)).get_name()} ended by itself: this should not happen")
         finally:
             notifier.stopping()
-            for task in (ticking, *feeders):
+            for task in (ticking, *own):
                 task.cancel()
             with contextlib.suppress(asyncio.CancelledError):
-                await asyncio.wait({ticking, *feeders})
+                await asyncio.wait({ticking, *own})
             notifier.close()
+
+    async def _last_inputs(self) -> None:
+        """Closed devices end their streams by themselves; what they still had is taken in and recorded."""
+        if self._feeding:
+            _, late = await asyncio.wait(self._feeding, timeout=LAST_INPUTS_S)
+            for task in late:
+                task.cancel()
 
     async def _report_links(self) -> None:
         while True:

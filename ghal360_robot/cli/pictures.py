@@ -16,7 +16,6 @@ from ghal360_robot.perception.overlay import Annotation, draw
 from ghal360_robot.perception.panorama import around_robot
 from ghal360_robot.perception.sphere import PictureSize
 from ghal360_robot.perception.wedges import SceneSettings, SceneState, scene, step_scene
-from ghal360_robot.simulation.renderer import PanoramaRenderer
 from ghal360_robot.simulation.vantage import vantage_pose
 from ghal360_robot.simulation.world import CAMERA_HEIGHT_M, build_world
 
@@ -47,6 +46,8 @@ def pictures(folder: Annotated[Path, typer.Argument(help="Where the JPEG files g
 
 def _annotated(world_name: str, seed: int, target: str, aside: float) -> NDArray[np.uint8]:
     """The same steps as in the robot, for one picture: detect, wedges, policy, cue."""
+    from ghal360_robot.simulation.renderer import PanoramaRenderer  # noqa: PLC0415 - needs the extra [sim]
+
     world = build_world(world_name, seed, target)
     pose = vantage_pose(world)
     picture = PanoramaRenderer(world).render(pose.x, pose.y, pose.yaw, CAMERA_HEIGHT_M)

@@ -25,7 +25,7 @@ from ghal360_robot.simulation.session import SimulatedHardware
 if TYPE_CHECKING:
     from ghal360_robot.config import RobotConfig
     from ghal360_robot.journal import RunReport
-    from ghal360_robot.simulation.link import Scenario, Truth
+    from ghal360_robot.simulation.link import Scenario
 
 STATUS_HZ = 4
 AFTER_FOUND_S = 1.0
@@ -73,7 +73,9 @@ async def _run(session: Session, console: Console) -> RunReport:
             if session.virtual_operator:
                 operator = RemoteOperator(hardware)
         robot = Robot(config, operator, session.record_to, camera_hz)
-        watching = asyncio.create_task(_watch(session, robot, hardware, stop, console))
+        if hardware is not None:
+            hardware.record_into(robot)
+        watching = asyncio.create_task(_watch(session, robot, stop, console))
         try:
             report = await robot.run(stop)
         finally:
@@ -97,14 +99,10 @@ def simulated(config: RobotConfig, hardware: SimulatedHardware) -> RobotConfig:
     )
 
 
-async def _watch(
-    session: Session, robot: Robot, hardware: SimulatedHardware | None, stop: asyncio.Event, console: Console
-) -> None:
+async def _watch(session: Session, robot: Robot, stop: asyncio.Event, console: Console) -> None:
     """The status line, and the two reasons to stop that are not signals."""
     await robot.started.wait()
     began_s = time.monotonic()
-    if hardware is not None:
-        hardware.on_truth = lambda truth: _record_truth(robot, hardware, truth)
     live = Live(console=console, refresh_per_second=STATUS_HZ, transient=True)
     found_s: float | None = None
     with live if not session.quiet and console.is_terminal else _NoLive():
@@ -128,10 +126,6 @@ class _NoLive:
 
     def __exit__(self, *_: object) -> None:
         return None
-
-
-def _record_truth(robot: Robot, hardware: SimulatedHardware, truth: Truth) -> None:
-    robot.recorder.truth(truth.stamp_ns, truth.body.pose, hardware.target_position)
 
 
 def print_json(report: RunReport) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import hashlib
 import logging
 import socket
 import sys
@@ -15,6 +16,7 @@ import time
 from contextlib import AsyncExitStack
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from drivers.rmp110.simulator.model import RmpModel
 from drivers.rmp110.simulator.serve import SimulatedRmp, serve
@@ -25,11 +27,14 @@ from drivers.tim571.simulator.server import Tim571Simulator
 from ghal360_robot.errors import GhalError
 from ghal360_robot.messages import Twist
 from ghal360_robot.simulation.link import Cut, Endpoints, Scenario, Truth, receive, send
-from ghal360_robot.simulation.operator_desk import OperatorDesk
+from ghal360_robot.simulation.operator_desk import OperatorDesk, PageStatus
 from ghal360_robot.simulation.picture_source import FolderPictureSource, PictureSource, RenderedPictureSource
 from ghal360_robot.simulation.plant import Body, move
 from ghal360_robot.simulation.view import lidar_view
 from ghal360_robot.simulation.world import ROBOT_RADIUS_M, World, build_world
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
 
 logger = logging.getLogger(__name__)
 
@@ -67,7 +72,8 @@ class Devices:
         stack.enter_context(self.usbip)
         await stack.enter_async_context(self.lidar)
         self.base = await stack.enter_async_context(serve(model=RmpModel(time.monotonic_ns(), boot_s=BOOT_S)))
-        self.pictures.on_access_unit(lambda _stamp_ns, unit: self.camera.offer(unit))
+        offer = stack.enter_context(_offering(self.camera, self.scenario.camera_tape))
+        self.pictures.on_access_unit(lambda _stamp_ns, unit: offer(unit))
         await asyncio.to_thread(stack.enter_context, self.pictures)
         self.pictures.set_pose(self.body.pose)
         return Endpoints(self.usbip.port, self.lidar.port, self.base.port)
@@ -105,6 +111,16 @@ class Devices:
                 await asyncio.sleep(cut.for_s)
                 self.base.plug()
         logger.info("%s is back", cut.device)
+
+
+@contextlib.contextmanager
+def _offering(camera: SimulatedThetaV, tape_path: str | None) -> Iterator[Callable[[bytes], object]]:
+    """Where access units go: into the camera, and what it took onto the tape, if there is one."""
+    if tape_path is None:
+        yield camera.offer
+        return
+    with Path(tape_path).open("w", buffering=1, encoding="ascii") as tape:
+        yield lambda unit: camera.offer(unit) and tape.write(hashlib.sha256(unit).hexdigest() + "\n")
 
 
 def _picture_source(scenario: Scenario) -> PictureSource:
@@ -155,7 +171,7 @@ async def _listen(devices: Devices, reader: asyncio.StreamReader, tasks: set[asy
     while (message := await receive(reader)) is not None:
         kind, value = message
         if kind == "status" and devices.desk is not None:
-            devices.desk.tell(value)
+            devices.desk.tell(PageStatus(**value), time.monotonic_ns())
         elif kind == "cut":
             tasks.add(asyncio.create_task(devices.cut(Cut(value["device"], 0.0, value["for_s"]))))
 

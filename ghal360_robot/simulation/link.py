@@ -56,6 +56,8 @@ class Scenario:
     operator: bool = False
     """Whether a virtual operator sits in front of the picture."""
     cuts: tuple[Cut, ...] = field(default_factory=tuple)
+    camera_tape: str | None = None
+    """File that gets the SHA-256 of every access unit the camera takes, a line each: what a recording must hold."""
 
     @classmethod
     def from_json(cls, data: dict[str, Any]) -> Scenario:

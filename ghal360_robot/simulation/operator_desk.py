@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ghal360_robot.messages import Cue
 from ghal360_robot.simulation import virtual_operator
-from ghal360_robot.simulation.eyes import Sight, look
+from ghal360_robot.simulation.eyes import Eyes, Sight
 from ghal360_robot.simulation.virtual_operator import Temper
 
 if TYPE_CHECKING:
     from ghal360_robot.messages import OperatorInput, Pose2
     from ghal360_robot.simulation.world import World
 
-NS = 1_000_000_000
-STATUS_LOST_S = 1.0
+STATUS_LOST_NS = 1_000_000_000
 """A page that hears nothing from the robot for so long says so; nobody presses buttons then."""
 
 
@@ -33,8 +31,8 @@ class PageStatus:
 class OperatorDesk:
     """One virtual operator in front of one robot. `step` is called at the page's rate."""
 
-    def __init__(self, world: World, seed: int, now_ns: int) -> None:
-        self._world = world
+    def __init__(self, world: World, seed: int, now_ns: int = 0) -> None:
+        self._eyes = Eyes(world)
         self._state = virtual_operator.start(Temper(seed=seed), world.start, now_ns)
         self._status = PageStatus()
         self._heard_ns = now_ns
@@ -43,16 +41,16 @@ class OperatorDesk:
         self.found_in_view: bool | None = None
         """Whether the target really was in view when the operator pressed "found"; None before."""
 
-    def tell(self, status: dict[str, Any]) -> None:
+    def tell(self, status: PageStatus, now_ns: int) -> None:
         """News from the robot."""
-        self._status = PageStatus(**status)
-        self._heard_ns = time.monotonic_ns()
+        self._status = status
+        self._heard_ns = now_ns
 
     def step(self, pose: Pose2, now_ns: int) -> OperatorInput:
         """Look at the picture taken from `pose`, act, and say what the page sends."""
-        view = look(self._world, pose, self._head_yaw, self._state.temper.fov)
+        view = self._eyes.look(pose, self._head_yaw, self._state.temper.fov)
         status = self._status
-        silent = now_ns - self._heard_ns > STATUS_LOST_S * NS
+        silent = now_ns - self._heard_ns > STATUS_LOST_NS
         sight = Sight(view, Cue(status.cue), status.armed, status.ready, status.trouble or silent)
         self._state, message = virtual_operator.step(self._state, sight, now_ns)
         self._head_yaw = message.head.yaw

@@ -7,10 +7,11 @@ import contextlib
 import logging
 import socket
 import sys
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from ghal360_robot.errors import GhalError
+from ghal360_robot.messages import Pose2
+from ghal360_robot.simulation.ground_map import RESOLUTION_M, in_odometry, occupancy
 from ghal360_robot.simulation.link import Endpoints, Scenario, Truth, operator_from_json, receive, send
 from ghal360_robot.simulation.world import build_world
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from ghal360_robot.messages import OperatorInput
+    from ghal360_robot.robot import Robot
     from ghal360_robot.simulation.operator_desk import PageStatus
 
 logger = logging.getLogger(__name__)
@@ -43,7 +45,8 @@ class SimulatedHardware:
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
         self.truth: Truth | None = None
-        self.on_truth: Callable[[Truth], None] | None = None
+        self._world = build_world(scenario.world, scenario.seed, scenario.target)
+        self._on_truth: Callable[[Truth], None] | None = None
         self.on_operator: Callable[[OperatorInput], None] | None = None
         self._endpoints: Endpoints | None = None
         self._process: asyncio.subprocess.Process | None = None
@@ -56,12 +59,26 @@ class SimulatedHardware:
             raise SimulationError("the simulated hardware is not running")
         return self._endpoints
 
-    @cached_property
-    def target_position(self) -> tuple[float, float]:
-        """Where the target is in the world, in metres; for the recording's map, not for the brain."""
-        scenario = self.scenario
-        target = build_world(scenario.world, scenario.seed, scenario.target).target_object()
-        return target.x, target.y
+    def record_into(self, robot: Robot) -> None:
+        """Let the robot's recording have the truth: the map, the target, and where the body really is."""
+        world = self._world
+        target = world.target_object()
+        there = in_odometry(world.start, Pose2(target.x, target.y))
+        cells = occupancy(world)
+        mapped = False
+
+        def record(truth: Truth) -> None:
+            nonlocal mapped
+            if not robot.started.is_set():
+                return
+            if not mapped:
+                mapped = True
+                corner = in_odometry(world.start, Pose2())
+                robot.recorder.grid_map(truth.stamp_ns, cells, RESOLUTION_M, corner)
+            pose = in_odometry(world.start, truth.body.pose)
+            robot.recorder.truth(truth.stamp_ns, pose, (there.x, there.y))
+
+        self._on_truth = record
 
     @property
     def pid(self) -> int | None:
@@ -120,8 +137,8 @@ class SimulatedHardware:
             kind, value = message
             if kind == "truth":
                 self.truth = Truth.from_json(value)
-                if self.on_truth is not None:
-                    self.on_truth(self.truth)
+                if self._on_truth is not None:
+                    self._on_truth(self.truth)
             elif kind == "operator" and self.on_operator is not None:
                 self.on_operator(operator_from_json(value))
         logger.error("the simulated hardware is gone")
