@@ -102,6 +102,7 @@ CUE_LOST_S = 1.0
 """A cue that vanishes may come back: wait this long before going on."""
 AGAIN_S = 3.0
 """If a press of "arm" or "found" had no effect by then, press again."""
+ARRIVED_M = 0.3
 HERE_M = 0.35
 """Who is this close to a goal and sees nothing new gives it up."""
 STILL_M = 0.15
@@ -211,15 +212,16 @@ def _glance_around(state: OperatorState, count: int) -> OperatorState:
 def _go(state: OperatorState, sight: Sight) -> OperatorState:
     if not sight.armed:
         return replace(state, doing=Doing.LOOKING, glances=(), way=None)
+    pose = sight.view.pose
     blocked = state.now_ns - state.still_since_ns > state.temper.patience_s * NS
     if blocked:
-        pose = sight.view.pose
         place = state.way.goal if state.way else (pose.x + math.cos(state.gaze), pose.y + math.sin(state.gaze))
         memory = give_up(state.memory, *place, GIVE_UP_M)
         return _glance_around(replace(state, memory=memory, way=None, still_since_ns=state.now_ns), 1)
-    if state.way is None or state.now_ns >= state.decide_ns:
+    way = state.way
+    if way is None or state.now_ns >= state.decide_ns:
         return _think(state, sight)
-    return _keep_looking(state, state.way, sight)
+    return _keep_looking(state, way, sight)
 
 
 def _think(state: OperatorState, sight: Sight) -> OperatorState:
@@ -241,7 +243,7 @@ def _keep_looking(state: OperatorState, way: Way, sight: Sight) -> OperatorState
     """Hold the gaze on the next point of the way."""
     pose = sight.view.pose
     x, y = way.waypoint
-    if math.hypot(x - pose.x, y - pose.y) < 0.3:
+    if math.hypot(x - pose.x, y - pose.y) < ARRIVED_M:
         return state
     return replace(state, aim=math.atan2(y - pose.y, x - pose.x))
 

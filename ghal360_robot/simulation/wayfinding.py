@@ -37,8 +37,9 @@ WIDE_OPENING_CELLS = 12
 """An opening this wide draws as much as one can."""
 PULL_M = 1.5
 """How much further one goes for a wide opening than for a small one."""
-TURN_COST_M = 0.8
+TURN_COST_M = 2.5
 """Turning right back costs the robot about the time of this way (half a turn at 0.8 rad/s, 0.5 m/s and ramps)."""
+FAR_COST = 0.3
 LOYALTY_M = 1.5
 """A new goal must be closer by this than the one that was chosen before."""
 SAME_GOAL_M = 0.8
@@ -157,6 +158,8 @@ def _draw(
     y = memory.y0 + (rows + 0.5) * STEP_M
     aside = np.abs((np.arctan2(y - pose.y, x - pose.x) - pose.yaw + math.pi) % math.tau - math.pi)
     cost[rows, columns] += TURN_COST_M * aside / math.pi
+    middle = SIDE_CELLS * CELL_M / 2
+    cost[rows, columns] += FAR_COST * np.hypot(x - memory.x0 - middle, y - memory.y0 - middle)
     if previous is not None:
         same = np.hypot(x - previous[0], y - previous[1]) < SAME_GOAL_M
         cost[rows[same], columns[same]] -= LOYALTY_M

@@ -14,6 +14,7 @@ from ghal360_robot.guidance.cueing import CueSettings, CueState, step_cue
 from ghal360_robot.guidance.policy import RulePolicy
 from ghal360_robot.intent.controller import DriveSettings, DriveState, step_drive
 from ghal360_robot.intent.exact import ExactFilter, IntentState
+from ghal360_robot.intent.trigger import TriggerSettings
 from ghal360_robot.intent.head_motion import HeadSettings, HeadState, step_head
 from ghal360_robot.messages import Cue, Detection, Detections, Pose2, Twist
 from ghal360_robot.perception.wedges import SceneSettings, SceneState, scene, step_scene
@@ -21,12 +22,13 @@ from ghal360_robot.simulation.eyes import Eyes, Sight
 from ghal360_robot.simulation.virtual_operator import Temper, start, step
 from ghal360_robot.simulation.world import CAMERA_HEIGHT_M, ROBOT_RADIUS_M, Role, World, build_world
 
+TRIGGER = TriggerSettings()
 TICK_S = 0.02
 TICK_NS = 20_000_000
 LIMIT_S = 300.0
 V_RAMP, W_RAMP = 0.5, 2.0
 W_MAX = 1.0
-SCAN_YAWS = np.radians(np.arange(-135.0, 136.0))
+SCAN_YAWS = np.radians(np.arange(-135.0, 136.0, 2.0))
 DETECTED_M = 6.0
 STOP_M = ROBOT_RADIUS_M + 0.10
 
@@ -72,7 +74,7 @@ def search(world: World, seed: int) -> Search:
     pose, twist = world.start, Twist()
     operator = start(Temper(seed=seed), pose, 0)
     head, belief, drive, cue, seen = HeadState(), IntentState(), DriveState(), CueState(), SceneState()
-    eyes, intent_filter, armed, head_yaw, presses = Eyes(world), ExactFilter(), False, 0.0, 0
+    eyes, intent_filter, armed, head_yaw, presses = Eyes(world), ExactFilter(trigger=TRIGGER), False, 0.0, 0
     points = np.empty((0, 2))
     driven, collisions, least, path = 0.0, 0, math.inf, []
     detections = None
@@ -80,12 +82,13 @@ def search(world: World, seed: int) -> Search:
         now_ns = tick * TICK_NS
         if tick % 12 == 0:
             detections = ideal_detections(world, pose, now_ns)
-        if tick % 3 == 0:
+        if tick % 4 == 0:
             ranges = world.ranges(pose.x, pose.y, pose.yaw + SCAN_YAWS)
             points = ranges[:, None] * np.column_stack((np.cos(SCAN_YAWS), np.sin(SCAN_YAWS)))
             points = points[np.isfinite(ranges)]
         if tick * 20 // 50 != (tick - 1) * 20 // 50:
-            view = eyes.look(pose, head_yaw, operator.temper.fov)
+            if len(path) % 2 == 0:
+                view = eyes.look(pose, head_yaw, operator.temper.fov)
             operator, message = step(operator, Sight(view, cue.cue, armed, ready=not armed), now_ns)
             head_yaw = message.head.yaw
             armed = armed or message.arm_presses > presses
@@ -99,16 +102,17 @@ def search(world: World, seed: int) -> Search:
         seen = step_scene(SceneSettings(), seen, detections, pose.yaw, now_ns)
         allocentric = scene(seen, world.target, pose.yaw).allocentric
         cue = step_cue(RulePolicy(), CueSettings(seed=seed), cue, allocentric, head_yaw + pose.yaw, now_ns)
-        drive = step_drive(
-            DriveSettings(),
-            drive,
-            intention=intent_filter.intention(belief) if armed else None,
-            gaze=head_yaw + pose.yaw,
-            pose=pose,
-            measured=twist,
-            cue_shown=cue.cue is not Cue.NONE,
-            points=points,
-        )
+        if tick % 2 == 0:
+            drive = step_drive(
+                DriveSettings(),
+                drive,
+                intention=intent_filter.intention(belief) if armed else None,
+                gaze=head_yaw + pose.yaw,
+                pose=pose,
+                measured=twist,
+                cue_shown=cue.cue is not Cue.NONE,
+                points=points,
+            )
         safe = stopped_before(points, drive.twist)
         twist = Twist(
             ramped(twist.v, min(safe.v, 0.5), V_RAMP), ramped(twist.w, max(-W_MAX, min(W_MAX, safe.w)), W_RAMP)
