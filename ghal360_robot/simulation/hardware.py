@@ -16,7 +16,7 @@ import time
 from contextlib import AsyncExitStack
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from drivers.rmp110.simulator.model import RmpModel
 from drivers.rmp110.simulator.serve import SimulatedRmp, serve
@@ -74,9 +74,16 @@ class Devices:
         self.base = await stack.enter_async_context(serve(model=RmpModel(time.monotonic_ns(), boot_s=BOOT_S)))
         offer = stack.enter_context(_offering(self.camera, self.scenario.camera_tape))
         self.pictures.on_access_unit(lambda _stamp_ns, unit: offer(unit))
+        running = asyncio.get_running_loop()
+        self.camera_failed: asyncio.Future[None] = running.create_future()
+        self.pictures.on_error(lambda error: running.call_soon_threadsafe(self._fail, error))
         await asyncio.to_thread(stack.enter_context, self.pictures)
         self.pictures.set_pose(self.body.pose)
         return Endpoints(self.usbip.port, self.lidar.port, self.base.port)
+
+    def _fail(self, error: Exception) -> None:
+        if not self.camera_failed.done():
+            self.camera_failed.set_exception(error)
 
     async def physics(self) -> None:
         """Move the body as the wheels turn; a wheel against a wall stands still."""
@@ -146,7 +153,11 @@ async def simulate(link: socket.socket) -> None:
             await writer.drain()
             return
         send(writer, "endpoints", endpoints)
-        await _live(devices, scenario, reader, writer)
+        try:
+            await _live(devices, scenario, reader, writer)
+        except GhalError as error:
+            send(writer, "error", str(error))
+            await writer.drain()
 
 
 async def _live(
@@ -157,10 +168,11 @@ async def _live(
     listening = asyncio.create_task(_listen(devices, reader, tasks))
     try:
         while not listening.done():
-            done, _ = await asyncio.wait({listening, *tasks}, return_when=asyncio.FIRST_COMPLETED)
-            for task in done - {listening}:
-                tasks.discard(task)
-                task.result()
+            watched = {listening, devices.camera_failed, *tasks}
+            done, _ = await asyncio.wait(watched, return_when=asyncio.FIRST_COMPLETED)
+            for ended in done - {listening}:
+                ended.result()  # a failed picture source raises here as well
+                tasks.discard(cast("asyncio.Task[None]", ended))
     finally:
         for task in (listening, *tasks):
             task.cancel()

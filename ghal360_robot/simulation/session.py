@@ -139,6 +139,8 @@ class SimulatedHardware:
                 self.truth = Truth.from_json(value)
                 if self._on_truth is not None:
                     self._on_truth(self.truth)
+            elif kind == "error":
+                logger.error("%s", value)
             elif kind == "operator" and self.on_operator is not None:
                 self.on_operator(operator_from_json(value))
         logger.error("the simulated hardware is gone")
