@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ghal360_robot.messages import Pose2
-    from ghal360_robot.simulation.world import World
+    from ghal360_robot.simulation.world import World, WorldObject
 
 LOOKS_PER_TURN = 120
 """Every 3 degrees: 0.4 m apart at the end of the view; a door is three of them."""
@@ -68,6 +68,9 @@ class Eyes:
         self._target = world.target_object()
         hiding = (item for item in world.objects if item.z <= OVER_M <= item.top)
         self._hiding = Shapes.of(hiding, world.plan.wall_boxes(), CEILING_M)
+        rest = (item for item in world.objects if item is not self._target)
+        self._rest = Shapes.of(rest, world.plan.wall_boxes(), CEILING_M)
+        self._aims = _aims(self._target)
         step = math.tau / LOOKS_PER_TURN
         self._yaws = -math.pi + step * np.arange(LOOKS_PER_TURN, dtype=np.float64)
 
@@ -82,7 +85,17 @@ class Eyes:
         yaw = math.atan2(dy, dx)
         if math.hypot(dx, dy) > RECOGNISED_M or abs(math.remainder(yaw - gaze, math.tau)) > fov / 2:
             return None
-        return yaw if self._world.visible(pose.x, pose.y, CAMERA_HEIGHT_M, self._target) else None
+        eye = np.array([[pose.x, pose.y, CAMERA_HEIGHT_M]])
+        return yaw if any(self._rest.sees(eye, aim)[0] for aim in self._aims) else None
+
+
+def _aims(item: WorldObject) -> tuple[tuple[float, float, float], ...]:
+    """Points of a thing by which a human knows it even if the rest is hidden: middle, flanks, top."""
+    cos, sin = math.cos(item.yaw), math.sin(item.yaw)
+    return tuple(
+        (item.x + right * item.size[0] * cos, item.y + right * item.size[0] * sin, item.z + up * item.size[2])
+        for right, up in ((0.0, 0.5), (0.0, 0.9), (-0.4, 0.6), (0.4, 0.6))
+    )
 
 
 def look(world: World, pose: Pose2, head_yaw: float, fov: float) -> View:

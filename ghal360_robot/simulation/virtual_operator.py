@@ -76,16 +76,19 @@ class OperatorState:
     memory: Recollection
     gaze: float
     aim: float
-    """Where the gaze is turning to."""
+    """Where the gaze turns to."""
     now_ns: int
     doing: Doing = Doing.LOOKING
     glances: tuple[float, ...] = ()
     """Directions still to look at before going on."""
+    looked_around: bool = False
     look_until_ns: int = 0
     decide_ns: int = 0
     """When the next decision on a cue, or on the way, is due."""
     remembered_ns: int = 0
     way: Way | None = None
+    elsewhere_until_ns: int = 0
+    """Until then the operator goes on although the target is in view: straight ahead was no way to it."""
     still_since_ns: int = 0
     still_pose: Pose2 = field(default_factory=Pose2)
     wander: float = 0.0
@@ -94,20 +97,26 @@ class OperatorState:
 
 
 FIRST_GLANCES = 4
-"""Saccades of 60 degrees on average make a full turn."""
+"""Saccades of 60 degrees on average: most of a turn."""
 REMEMBER_S = 0.2
+"""At 0.5 m/s a new picture every cell of the memory."""
 PLAN_S = 1.0
 """A human thinks about the way about once a second."""
 CUE_LOST_S = 1.0
 """A cue that vanishes may come back: wait this long before going on."""
 AGAIN_S = 3.0
 """If a press of "arm" or "found" had no effect by then, press again."""
-ARRIVED_M = 0.3
+PASSED_M = 0.3
+"""The direction of a point closer than this swings too fast to look at."""
 HERE_M = 0.35
 """Who is this close to a goal and sees nothing new gives it up."""
 STILL_M = 0.15
 STILL_YAW = 0.2
+"""Less motion than this, in metres and radians, is standing still."""
 GIVE_UP_M = 0.6
+"""Around a place that cannot be reached: about the robot's own width."""
+ELSEWHERE_S = 15.0
+"""Time enough to find a way around a desk."""
 WANDER_S = 0.5
 """Time constant of the gaze's wandering."""
 LONGEST_STEP_S = 0.25
@@ -138,10 +147,12 @@ def step(state: OperatorState, sight: Sight, now_ns: int) -> tuple[OperatorState
     state = _decide(state, sight)
     state = _turn(state, dt_s)
     pose = sight.view.pose
+    # A robot that knows the target from further away than a human does: drive up to what it points at.
+    approaching = state.doing is Doing.CONFIRMING and sight.view.target_yaw is None
     message = OperatorInput(
         stamp_ns=now_ns,
         head=HeadPose(wrap_angle(state.gaze + state.wander - pose.yaw), 0.0, state.temper.fov),
-        deadman=sight.armed and state.doing is Doing.GOING,
+        deadman=sight.armed and (state.doing is Doing.GOING or approaching),
         arm_presses=state.buttons.arm,
         found_presses=state.buttons.found,
     )
@@ -157,8 +168,9 @@ def _decide(state: OperatorState, sight: Sight) -> OperatorState:
     if state.doing in {Doing.FOLLOWING, Doing.CONFIRMING}:
         wait_ns = state.now_ns + round(CUE_LOST_S * NS)
         return replace(state, doing=Doing.LOOKING, glances=(), look_until_ns=wait_ns, way=None)
-    if sight.view.target_yaw is not None and sight.armed:
-        return replace(state, doing=Doing.GOING, aim=sight.view.target_yaw, way=None)
+    seen = sight.view.target_yaw is not None and state.now_ns >= state.elsewhere_until_ns
+    if seen and sight.armed and not _blocked(state):
+        return replace(state, doing=Doing.GOING, aim=sight.view.target_yaw or 0.0, way=None)
     if state.doing is Doing.LOOKING:
         return _look_around(state, sight)
     return _go(state, sight)
@@ -192,19 +204,20 @@ def _look_around(state: OperatorState, sight: Sight) -> OperatorState:
         turn_s = abs(wrap_angle(state.glances[0] - state.gaze)) / state.temper.turn_rate
         until_ns = state.now_ns + round((turn_s + fixation_s) * NS)
         return replace(state, aim=state.glances[0], glances=state.glances[1:], look_until_ns=until_ns)
+    if not state.looked_around:
+        return _glance_around(replace(state, looked_around=True), FIRST_GLANCES)
     if not sight.armed:
-        return _glance_around(state, FIRST_GLANCES if not state.draws else 1)
+        return _glance_around(state, 1)
     return _think(replace(state, doing=Doing.GOING), sight)
 
 
 def _glance_around(state: OperatorState, count: int) -> OperatorState:
-    """`count` saccades of 30 to 90 degrees, mostly the same way round."""
+    """`count` saccades of 30 to 90 degrees, the same way round; which way is chance."""
+    state, side = _draw(state)
     yaw, glances = state.gaze, []
     for _ in range(count):
         state, size = _draw(state)
-        state, back = _draw(state)
-        way = 1.0 if back >= 0.3 or count > 1 else -1.0
-        yaw += way * math.radians(30 + 60 * size)
+        yaw += math.copysign(math.radians(30 + 60 * size), side - 0.5)
         glances.append(yaw)
     return replace(state, glances=tuple(glances), doing=Doing.LOOKING)
 
@@ -213,19 +226,24 @@ def _go(state: OperatorState, sight: Sight) -> OperatorState:
     if not sight.armed:
         return replace(state, doing=Doing.LOOKING, glances=(), way=None)
     pose = sight.view.pose
-    blocked = state.now_ns - state.still_since_ns > state.temper.patience_s * NS
-    if blocked:
+    if _blocked(state):
         place = state.way.goal if state.way else (pose.x + math.cos(state.gaze), pose.y + math.sin(state.gaze))
         memory = give_up(state.memory, *place, GIVE_UP_M)
-        return _glance_around(replace(state, memory=memory, way=None, still_since_ns=state.now_ns), 1)
+        until_ns = state.now_ns + round(ELSEWHERE_S * NS)
+        state = replace(state, memory=memory, way=None, still_since_ns=state.now_ns, elsewhere_until_ns=until_ns)
+        return _glance_around(state, 1)
     way = state.way
     if way is None or state.now_ns >= state.decide_ns:
         return _think(state, sight)
     return _keep_looking(state, way, sight)
 
 
+def _blocked(state: OperatorState) -> bool:
+    return state.now_ns - state.still_since_ns > state.temper.patience_s * NS
+
+
 def _think(state: OperatorState, sight: Sight) -> OperatorState:
-    """Choose where to go, or look into an opening that is right here."""
+    """Choose where to go, or start over when there is nowhere left."""
     pose = sight.view.pose
     way = next_way(state.memory, pose, state.way.goal if state.way else None)
     due_ns = state.now_ns + round(PLAN_S * NS)
@@ -243,7 +261,7 @@ def _keep_looking(state: OperatorState, way: Way, sight: Sight) -> OperatorState
     """Hold the gaze on the next point of the way."""
     pose = sight.view.pose
     x, y = way.waypoint
-    if math.hypot(x - pose.x, y - pose.y) < ARRIVED_M:
+    if math.hypot(x - pose.x, y - pose.y) < PASSED_M:
         return state
     return replace(state, aim=math.atan2(y - pose.y, x - pose.x))
 

@@ -38,12 +38,15 @@ WIDE_OPENING_CELLS = 12
 PULL_M = 1.5
 """How much further one goes for a wide opening than for a small one."""
 TURN_COST_M = 2.5
-"""Turning right back costs the robot about the time of this way (half a turn at 0.8 rad/s, 0.5 m/s and ramps)."""
+"""Turning right back costs the robot the time of this way: half a turn at 0.8 rad/s, and ramps."""
 FAR_COST = 0.3
+"""How much further places feel for each metre away from the start: things are rarely left far away."""
 LOYALTY_M = 1.5
 """A new goal must be closer by this than the one that was chosen before."""
 SAME_GOAL_M = 0.8
+"""A goal this close to the previous one is the same."""
 SHADOW_CELLS = 3
+"""What is unknown but thinner than this is the shadow of a lamp, not a room."""
 AROUND_CELLS = 9
 """An opening over a desk or beside a chair is looked into from the floor next to it."""
 SIGHT_M = 3.0
@@ -80,9 +83,8 @@ def next_way(memory: Recollection, pose: Pose2, previous: tuple[float, float] | 
 def _openings(memory: Recollection) -> Mask:
     """Cells around the borders between space that was looked into and space that was not."""
     unknown = (~memory.has(SPACE | HIDING)).astype(np.uint8)
-    # What is thinner than this is the shadow of a lamp, not a room.
-    unknown = cv2.morphologyEx(unknown, cv2.MORPH_OPEN, np.ones((SHADOW_CELLS, SHADOW_CELLS), np.uint8))
-    border = (cv2.dilate(unknown, np.ones((3, 3), np.uint8)) > 0) & memory.has(SPACE) & ~memory.has(HIDING)
+    wide = cv2.morphologyEx(unknown, cv2.MORPH_OPEN, np.ones((SHADOW_CELLS, SHADOW_CELLS), np.uint8))
+    border = (cv2.dilate(wide, np.ones((3, 3), np.uint8)) > 0) & memory.has(SPACE) & ~memory.has(HIDING)
     around: Mask = cv2.dilate(border.astype(np.uint8), np.ones((AROUND_CELLS, AROUND_CELLS), np.uint8)) > 0
     return around
 
@@ -176,7 +178,6 @@ def _waypoint(
     """The furthest point of the way that can be driven to straight."""
     here = way[0]
     chosen = way[min(1, len(way) - 1)]
-    # Not more than the tightest of what is left of the way, or a robot beside a wall could never leave.
     for point in way[2:]:
         far = math.dist(here, point)
         if far > SIGHT_M or not _straight(memory, clearance, here, point):

@@ -14,7 +14,6 @@ from ghal360_robot.guidance.cueing import CueSettings, CueState, step_cue
 from ghal360_robot.guidance.policy import RulePolicy
 from ghal360_robot.intent.controller import DriveSettings, DriveState, step_drive
 from ghal360_robot.intent.exact import ExactFilter, IntentState
-from ghal360_robot.intent.trigger import TriggerSettings
 from ghal360_robot.intent.head_motion import HeadSettings, HeadState, step_head
 from ghal360_robot.messages import Cue, Detection, Detections, Pose2, Twist
 from ghal360_robot.perception.wedges import SceneSettings, SceneState, scene, step_scene
@@ -22,7 +21,6 @@ from ghal360_robot.simulation.eyes import Eyes, Sight
 from ghal360_robot.simulation.virtual_operator import Temper, start, step
 from ghal360_robot.simulation.world import CAMERA_HEIGHT_M, ROBOT_RADIUS_M, Role, World, build_world
 
-TRIGGER = TriggerSettings()
 TICK_S = 0.02
 TICK_NS = 20_000_000
 LIMIT_S = 300.0
@@ -41,7 +39,7 @@ class Search:
     collisions: int
     least_clearance_m: float
     cpu_s: float
-    path: list[tuple[float, float]]
+    path: tuple[tuple[float, float], ...]
 
 
 def ideal_detections(world: World, pose: Pose2, stamp_ns: int) -> Detections:
@@ -74,7 +72,7 @@ def search(world: World, seed: int) -> Search:
     pose, twist = world.start, Twist()
     operator = start(Temper(seed=seed), pose, 0)
     head, belief, drive, cue, seen = HeadState(), IntentState(), DriveState(), CueState(), SceneState()
-    eyes, intent_filter, armed, head_yaw, presses = Eyes(world), ExactFilter(trigger=TRIGGER), False, 0.0, 0
+    eyes, intent_filter, armed, head_yaw, presses = Eyes(world), ExactFilter(), False, 0.0, 0
     points = np.empty((0, 2))
     driven, collisions, least, path = 0.0, 0, math.inf, []
     detections = None
@@ -129,5 +127,29 @@ def search(world: World, seed: int) -> Search:
             least = min(least, clearance)
             collisions += clearance < ROBOT_RADIUS_M
     else:
-        return Search(False, LIMIT_S, driven, collisions, least, time.thread_time() - began, path)
-    return Search(True, now_ns / 1e9, driven, collisions, least, time.thread_time() - began, path)
+        return Search(False, LIMIT_S, driven, collisions, least, time.thread_time() - began, tuple(path))
+    return Search(True, now_ns / 1e9, driven, collisions, least, time.thread_time() - began, tuple(path))
+
+
+@pytest.mark.parametrize("name", ["office", "home"])
+@pytest.mark.parametrize("seed", [1, 5, 7, 17])
+def test_a_search_ends_with_the_target_found_and_nothing_touched(name: str, seed: int) -> None:
+    result = search(build_world(name, seed), seed)
+    assert result.found
+    assert result.collisions == 0
+    assert result.time_s < 150
+
+
+def test_the_same_seed_gives_the_same_search() -> None:
+    world = build_world("home", 8)
+    assert search(world, 8).path == search(world, 8).path
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize(("name", "median_s"), [("office", 100.0), ("home", 60.0)])
+def test_twenty_seeds_of_each_world_are_all_found_without_touching_anything(name: str, median_s: float) -> None:
+    results = [search(build_world(name, seed), seed) for seed in range(20)]
+    assert all(result.found for result in results)
+    assert sum(result.collisions for result in results) == 0
+    assert statistics.median(result.time_s for result in results) <= median_s
