@@ -74,7 +74,7 @@ class Recollection:
     def clearance(self) -> NDArray[np.float64]:
         """Distance of each cell to the nearest thing remembered, m."""
         free = (~self.has(SOLID)).astype(np.uint8)
-        return cv2.distanceTransform(free, cv2.DIST_L2, 3).astype(np.float64) * CELL_M
+        return cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE).astype(np.float64) * CELL_M
 
 
 def remember(memory: Recollection, view: View) -> Recollection:
