@@ -37,15 +37,30 @@ class CameraMount:
 
 
 def scan_points(ranges: NDArray[np.float32], yaw: NDArray[np.float32], mount: LidarMount) -> NDArray[np.float64]:
-    """Valid beams as points (m, 2) in the base frame, metres.
+    """Valid beams as points (m, 2) in the base frame, metres, each range the median of itself and its neighbours.
 
     `ranges` (n,) metres with NaN where nothing was seen, `yaw` (n,) radians in the lidar frame.
     """
-    valid = np.isfinite(ranges)
-    distance = ranges[valid].astype(np.float64)
+    smooth = median_of_three(ranges)
+    valid = np.isfinite(smooth)
+    distance = smooth[valid].astype(np.float64)
     sign = -1.0 if mount.upside_down else 1.0
     bearing = mount.yaw + sign * yaw[valid].astype(np.float64)
     return np.column_stack((mount.x + distance * np.cos(bearing), mount.y + distance * np.sin(bearing)))
+
+
+def median_of_three(ranges: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Each range replaced by the median of three neighbours; unchanged at the ends and beside beams without one.
+
+    It takes a third off the TiM571's 20 mm of noise, which matters in a doorway, and single wild beams.
+    What two beams see stays: 1 cm at 1 m.
+    """
+    left, middle, right = ranges[:-2], ranges[1:-1], ranges[2:]
+    low, high = np.minimum(left, middle), np.maximum(left, middle)  # NaN where either is
+    median = np.maximum(low, np.minimum(high, right))
+    smooth = ranges.copy()
+    smooth[1:-1] = np.where(np.isnan(median), middle, median)
+    return smooth
 
 
 def wrap(angle: float) -> float:

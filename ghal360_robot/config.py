@@ -94,7 +94,7 @@ class SafetySection(_Section):
     w_accel: float = Field(1.5, gt=0, le=6.0, description="rad/s^2")
     reverse_max: float = Field(0.15, ge=0, le=0.5, description="m/s backwards: the lidar is blind there")
     footprint_radius_m: float = Field(0.40, gt=0.2, le=1.0)
-    margin_m: float = Field(0.05, ge=0.0, le=1.0, description="Kept beside the footprint: three sigma of the lidar")
+    margin_m: float = Field(0.04, ge=0.0, le=1.0, description="Kept beside the footprint: three sigma of a scan")
     standoff_m: float = Field(0.10, ge=0.0, le=1.0, description="Kept in front when stopped by an obstacle")
     reaction_s: float = Field(0.25, gt=0, le=2.0, description="Scan, one missed scan, processing, bus, base")
     operator_hold_s: Seconds = Field(0.2, description="Operator silent this long: zero on the wire")

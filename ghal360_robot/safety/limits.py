@@ -19,7 +19,7 @@ class SafetyLimits:
     w_accel: float = 1.5
     reverse_max: float = 0.15
     footprint_radius_m: float = 0.40
-    margin_m: float = 0.05
+    margin_m: float = 0.04
     standoff_m: float = 0.10
     reaction_s: float = 0.25
     hold_s: tuple[tuple[str, float], ...] = (("operator", 0.2), ("tim571", 0.25), ("rmp110", 0.3), ("theta", 0.7))

@@ -51,7 +51,7 @@ SCAN_NOISE_M = 0.020
 DETECTION_DELAY_TICKS = 8
 """Camera, decoder and detector: 0.16 s on two cores."""
 
-DETECTED_M = 6.0
+DETECTED_M = 8.0
 FRESH = Freshness(alive=True, rate_ok=True, valid=True, age_s=0.02)
 HEALTHY = dict.fromkeys(("theta", "tim571", "rmp110", "operator"), FRESH)
 

@@ -20,13 +20,15 @@ if TYPE_CHECKING:
 
 ROBOT_RADIUS_M = 0.38
 CAMERA_HEIGHT_M = 1.20
-COMFORT_M = 0.50
+COMFORT_M = 0.52
 """Half of the narrowest passage through which every room and the target can be reached."""
 START_CLEARANCE_M = 0.60
 APPROACH_M = 2.2
 """The target can be seen from a comfortable place at most this far away."""
 ARRIVED_M = 2.0
 """A robot this close to the target, with it in view, has arrived."""
+VIEW_M, VIEW_SHARE = 6.0, 0.65
+"""The target can be seen whole from this share of its room's floor within so far: whoever looks in will see it."""
 WALK_M = (4.6, 8.2)
 """Walk from the start to the arrival, measured on the grid (which overstates by up to 8 %)."""
 DOORWAY_M = 0.95
@@ -239,6 +241,7 @@ class Scene:
         arrived = free & near
         arrived[arrived] = self._sees(self.points[arrived.ravel()], target)
         self._require(bool(arrived.any()), "the target cannot be approached")
+        self._require(self._in_the_open(target, free), "the target is in a nook of its room")
         walk = walking_distance(free, arrived)
         roomy = (self.clearance > START_CLEARANCE_M) & (walk >= WALK_M[0]) & (walk <= WALK_M[1])
         candidates = self.points[roomy.ravel()]
@@ -247,6 +250,14 @@ class Scene:
         chosen = hidden if len(hidden) else candidates
         x, y = chosen[int(self.rng.integers(len(chosen)))]
         return Pose2(float(x), float(y), float(self.rng.uniform(-math.pi, math.pi)))
+
+    def _in_the_open(self, target: WorldObject, free: NDArray[np.bool_]) -> bool:
+        room = next(room for room in self.plan.rooms if room.contains(target.x, target.y))
+        x, y = self.points.T
+        near = np.hypot(x - target.x, y - target.y) < VIEW_M
+        inside = (x > room.x0) & (x < room.x1) & (y > room.y0) & (y < room.y1)
+        places = self.points[free.ravel() & near & inside]
+        return bool(self._sees(places, target).mean() >= VIEW_SHARE)
 
     def _glimpses(self, places: NDArray[np.float64], item: WorldObject) -> NDArray[np.bool_]:
         shapes = Shapes.of((other for other in self.objects if other is not item), self.plan.wall_boxes(), CEILING_M)
