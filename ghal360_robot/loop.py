@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from ghal360_robot.safety.chain import Safety, SafetyState
     from ghal360_robot.systemd import Notifier
 
+SAY_NS = 1_000_000_000
+
 logger = logging.getLogger(__name__)
 
 
@@ -59,6 +61,8 @@ class ControlLoop:
     ticks: int = 0
     newest: tuple[Inputs, Decision, Applied] | None = None
     _arm: tuple[ArmState, str] = (ArmState.DISARMED, "")
+    _skipped: tuple[int, float] = (0, 0.0)
+    _skipped_said_ns: int = 0
 
     async def run(self, stop: asyncio.Event) -> None:
         """Tick until `stop` is set. The schedule is absolute: a late tick does not delay the next ones."""
@@ -69,9 +73,7 @@ class ControlLoop:
             late_ns = time.monotonic_ns() - due_ns
             self.tick(late_ns / 1e6)
             missed = (time.monotonic_ns() - due_ns) // period_ns
-            if missed > 0:
-                self.lateness.skipped += int(missed)
-                logger.warning("control loop: %d ticks skipped, the tick was %.0f ms late", missed, late_ns / 1e6)
+            self._say_skipped(int(missed), late_ns / 1e6)
             due_ns += (missed + 1) * period_ns
 
     def tick(self, late_ms: float) -> None:
@@ -91,6 +93,14 @@ class ControlLoop:
         self.notifier.beat(start_ns)
         if self.on_tick is not None:
             self.on_tick(inputs, decision, applied)
+
+    def _say_skipped(self, missed: int, late_ms: float) -> None:
+        """No tick is skipped silently; a bad second is one line, not fifty."""
+        self.lateness.skipped += missed
+        self._skipped = (self._skipped[0] + missed, max(self._skipped[1], late_ms if missed else 0.0))
+        if self._skipped[0] and time.monotonic_ns() - self._skipped_said_ns > SAY_NS:
+            logger.warning("control loop: %d ticks skipped, the latest up to %.0f ms late", *self._skipped)
+            self._skipped, self._skipped_said_ns = (0, 0.0), time.monotonic_ns()
 
     def _say_arming(self, applied: Applied) -> None:
         """A change of the right to move is an event for the log, once, with its reason."""
