@@ -50,6 +50,8 @@ class Rmp110Section(_Section):
     host: str = Field("", description="Host of a socketcand server; only with interface = socketcand")
     port: int = Field(0, ge=0, le=65535, description="Port of that server")
     track_m: float = Field(0.481224, gt=0.2, lt=1.5, description="Distance between the driven wheels")
+    write_parameters: bool = Field(False, description="Write stored parameters that differ; without, refuse to move")
+    write_feedback_set: bool = Field(True, description="Write the compact feedback set if another one is stored")
 
 
 class MountingSection(_Section):

@@ -7,7 +7,7 @@ import logging
 from contextlib import AsyncExitStack
 from typing import TYPE_CHECKING, Any
 
-from drivers.rmp110.codec.parameters import ModeRequest, OperationalState
+from drivers.rmp110.codec.parameters import RMP110_STORED, ModeRequest, OperationalState
 from drivers.rmp110.device.config import Rmp110Config
 from drivers.rmp110.device.rmp110 import STANDBY, TRACTOR, Rmp110
 from drivers.rmp110.device.state import LinkState
@@ -35,6 +35,9 @@ MODES = {
     OperationalState.UNKNOWN: BaseMode.UNKNOWN,
 }
 
+LINK_WORDS = {LinkState.PROBING: LinkState.IDENTIFYING.value}
+"""All devices share one set of words."""
+
 RETRY_NS = 500_000_000
 """A refused mode change is asked for again at this pace while the operator keeps the robot armed."""
 
@@ -50,7 +53,14 @@ class BaseOutput:
         self._recorder = recorder
         self._base = Rmp110(
             lambda: CanTransport(config.interface, config.channel, **options),
-            Rmp110Config(max_v_mps=safety.v_max, max_w_rps=safety.w_max, track_m=config.track_m),
+            Rmp110Config(
+                max_v_mps=safety.v_max,
+                max_w_rps=safety.w_max,
+                track_m=config.track_m,
+                expected={**RMP110_STORED, "max_decel": safety.decel},
+                write_parameters=config.write_parameters,
+                write_feedback_set=config.write_feedback_set,
+            ),
             recorder.can_frame,
         )
         self._mode_change: asyncio.Task[None] | None = None
@@ -88,7 +98,7 @@ class BaseOutput:
     def stats(self) -> LinkStats:
         stats = self._base.stats
         return LinkStats(
-            link=stats.link.value,
+            link=LINK_WORDS.get(stats.link, stats.link.value),
             detail=stats.detail,
             received=stats.received,
             lost=stats.lost,

@@ -41,9 +41,9 @@ NEAR = 16
 GIVEN_UP = 32
 """Tried to get or see further here, in vain."""
 
-SEARCHED_M = 5.0
+SEARCHED_M = 4.0
 """Further away, a small thing among others is easily overlooked."""
-NEAR_M = 2.0
+NEAR_M = 3.0
 """From this close, whatever stands here has been seen."""
 
 
@@ -83,7 +83,7 @@ def remember(memory: Recollection, view: View) -> Recollection:
     for reach, mark in (
         (view.floor_m, FLOOR),
         (np.minimum(view.space_m, SEARCHED_M), SPACE),
-        (np.minimum(view.space_m, NEAR_M), NEAR),
+        (np.minimum(view.floor_m, NEAR_M), NEAR),
     ):
         marks[_fan(memory, view, reach)] |= mark
     for reach, mark in ((view.floor_m, SOLID), (view.space_m, HIDING)):

@@ -11,7 +11,17 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from ghal360_robot.simulation.recollection import CELL_M, FLOOR, GIVEN_UP, HIDING, NEAR, SIDE_CELLS, SPACE, Recollection
+from ghal360_robot.simulation.recollection import (
+    CELL_M,
+    FLOOR,
+    GIVEN_UP,
+    HIDING,
+    NEAR,
+    SIDE_CELLS,
+    SOLID,
+    SPACE,
+    Recollection,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -72,7 +82,7 @@ def next_way(memory: Recollection, pose: Pose2, previous: tuple[float, float] | 
     coarse = _pooled(room)
     usable = (room >= PASSABLE_M) & ~memory.has(GIVEN_UP)
     way = None
-    for wanted in (_openings(memory) & usable, usable & ~memory.has(NEAR)):
+    for wanted in (_openings(memory) & usable, usable & (_edges(memory) | ~memory.has(NEAR))):
         way = way or _best(memory, pose, coarse, _pooled(wanted), previous)
     if way is None:
         return None
@@ -87,6 +97,13 @@ def _openings(memory: Recollection) -> Mask:
     border = (cv2.dilate(wide, np.ones((3, 3), np.uint8)) > 0) & memory.has(SPACE) & ~memory.has(HIDING)
     around: Mask = cv2.dilate(border.astype(np.uint8), np.ones((AROUND_CELLS, AROUND_CELLS), np.uint8)) > 0
     return around
+
+
+def _edges(memory: Recollection) -> Mask:
+    """Cells beside floor not seen yet, as behind a row of desks that one only looked over."""
+    unknown = (~memory.has(FLOOR | SOLID)).astype(np.uint8)
+    beside: Mask = cv2.dilate(unknown, np.ones((3, 3), np.uint8)) > 0
+    return beside
 
 
 def _pooled(fine: NDArray[np.generic]) -> NDArray[np.generic]:
