@@ -36,6 +36,7 @@ class ThetaSection(_Section):
     port: Port = Field(3240, description="USB/IP port")
     serial: str = Field("", description="Eight digits on the camera; empty takes the only one found")
     resolution: Literal["2k", "4k"] = Field("2k", description="1920x960 or 3840x1920")
+    rate_hz: float = Field(29.97, gt=1, le=60, description="Pictures a second; far fewer hold the robot still")
 
 
 class Tim571Section(_Section):

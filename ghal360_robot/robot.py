@@ -62,19 +62,14 @@ class Operator(Protocol):
     async def run(self, robot: Robot) -> None: ...
 
 
-CAMERA_HZ = 29.97
-
-
 class Robot:
     """A robot of this configuration. `await run(stop)` from start to finish; the rest is for looking at it."""
 
-    def __init__(
-        self, config: RobotConfig, operator: Operator | None, record_to: Path, camera_hz: float = CAMERA_HZ
-    ) -> None:
+    def __init__(self, config: RobotConfig, operator: Operator | None, record_to: Path) -> None:
         self.config = config
         self.operator = operator
         self.record_to = record_to
-        self.board: Board = make_board(camera_hz, operator.rate_hz if operator else 20.0)
+        self.board: Board = make_board(config.theta.rate_hz, operator.rate_hz if operator else 20.0)
         self.detector = make_detector(config.perception.detector)
         self.recorder: Recorder
         self.loop: ControlLoop

@@ -18,7 +18,7 @@ from rich.logging import RichHandler
 
 from ghal360_robot.cli.status import status
 from ghal360_robot.config import with_overrides
-from ghal360_robot.robot import CAMERA_HZ, Robot
+from ghal360_robot.robot import Robot
 from ghal360_robot.simulation.remote_operator import RemoteOperator
 from ghal360_robot.simulation.session import SimulatedHardware
 
@@ -63,16 +63,14 @@ async def _run(session: Session, console: Console) -> RunReport:
         running.add_signal_handler(number, stop.set)
     async with AsyncExitStack() as stack:
         config, operator, hardware = session.config, None, None
-        camera_hz = CAMERA_HZ
         if session.scenario is not None:
             if not session.quiet:
                 console.print(f"simulating the {session.scenario.world}, seed {session.scenario.seed} ...")
             hardware = await stack.enter_async_context(SimulatedHardware(session.scenario))
             config = simulated(config, hardware)
-            camera_hz = session.scenario.camera_hz
             if session.virtual_operator:
                 operator = RemoteOperator(hardware)
-        robot = Robot(config, operator, session.record_to, camera_hz)
+        robot = Robot(config, operator, session.record_to)
         if hardware is not None:
             hardware.record_into(robot)
         watching = asyncio.create_task(_watch(session, robot, stop, console))
@@ -92,7 +90,13 @@ def simulated(config: RobotConfig, hardware: SimulatedHardware) -> RobotConfig:
     return with_overrides(
         config,
         {
-            "theta": {"transport": "usbip", "host": "127.0.0.1", "port": ports.theta, "serial": ""},
+            "theta": {
+                "transport": "usbip",
+                "host": "127.0.0.1",
+                "port": ports.theta,
+                "serial": "",
+                "rate_hz": hardware.scenario.camera_hz,
+            },
             "tim571": {"host": "127.0.0.1", "port": ports.tim571},
             "rmp110": {"interface": "socketcand", "channel": "can0", "host": "127.0.0.1", "port": ports.rmp110},
         },

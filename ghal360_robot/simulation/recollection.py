@@ -37,7 +37,7 @@ SPACE = 4
 HIDING = 8
 """Something here hides what is behind it."""
 NEAR = 16
-"""Seen from close by."""
+"""Floor seen from close by."""
 GIVEN_UP = 32
 """Tried to get or see further here, in vain."""
 

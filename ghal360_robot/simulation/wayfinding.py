@@ -49,6 +49,10 @@ PULL_M = 1.5
 """How much further one goes for a wide opening than for a small one."""
 TURN_COST_M = 2.5
 """Turning right back costs the robot the time of this way: half a turn at 0.8 rad/s, and ramps."""
+EDGE_M = 2.0
+"""Floor behind furniture that one has only looked over must be this much closer than an opening."""
+HIDDEN_M = 8.0
+"""Floor seen only from afar must be this much closer; enough to look again before leaving for another room."""
 FAR_COST = 0.3
 """How much further places feel for each metre away from the start: things are rarely left far away."""
 LOYALTY_M = 1.5
@@ -73,7 +77,7 @@ class Way:
 
 
 def next_way(memory: Recollection, pose: Pose2, previous: tuple[float, float] | None) -> Way | None:
-    """The way to the best opening, or to a place not yet seen from close by; None if all is known.
+    """The way to the best opening, edge or place not yet seen from close by; None if all is known.
 
     `previous` is the goal chosen last.
     """
@@ -81,9 +85,10 @@ def next_way(memory: Recollection, pose: Pose2, previous: tuple[float, float] | 
     room = np.where(memory.has(FLOOR), clearance, 0.0)
     coarse = _pooled(room)
     usable = (room >= PASSABLE_M) & ~memory.has(GIVEN_UP)
-    way = None
-    for wanted in (_openings(memory) & usable, usable & (_edges(memory) | ~memory.has(NEAR))):
-        way = way or _best(memory, pose, coarse, _pooled(wanted), previous)
+    openings = _draw(memory, pose, _pooled(_openings(memory) & usable), previous)
+    edges = _draw(memory, pose, _pooled(_edges(memory) & usable), previous)
+    hidden = _draw(memory, pose, _pooled(usable & ~memory.has(NEAR)), previous)
+    way = _best(memory, pose, coarse, np.minimum(openings, np.minimum(edges + EDGE_M, hidden + HIDDEN_M)))
     if way is None:
         return None
     length = sum(math.dist(a, b) for a, b in itertools.pairwise(way))
@@ -117,11 +122,9 @@ def _best(
     memory: Recollection,
     pose: Pose2,
     room: NDArray[np.generic],
-    goals: NDArray[np.generic],
-    previous: tuple[float, float] | None,
+    draw: NDArray[np.float64],
 ) -> list[tuple[float, float]] | None:
     """Points from the robot to the goal of least effort, or None if none can be reached."""
-    draw = _draw(memory, pose, goals, previous)
     if not np.isfinite(draw).any():
         return None
     row, column = memory.cell(pose.x, pose.y)

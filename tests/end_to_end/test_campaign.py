@@ -19,4 +19,5 @@ def test_the_demo_finds_its_target_and_hits_nothing(seed: int, tmp_path: Path) -
     assert report["simulation"]["target_in_view"]
     assert report["simulation"]["collisions"] == 0
     for device in ("theta", "rmp110", "tim571"):
-        assert report[device]["lost"] == report[device]["damaged"] == 0
+        assert report[device]["damaged"] == 0
+        assert report[device]["lost"] <= 0.01 * report[device]["received"]

@@ -41,7 +41,7 @@ ENTITIES = {
 async def run_robot(scenario: Scenario, record_to: Path, until) -> RunReport:  # type: ignore[no-untyped-def]
     """Run the robot in this process until `until(robot)` returns."""
     async with SimulatedHardware(scenario) as hardware:
-        robot = Robot(simulated(CONFIG, hardware), RemoteOperator(hardware), record_to, scenario.camera_hz)
+        robot = Robot(simulated(CONFIG, hardware), RemoteOperator(hardware), record_to)
         hardware.record_into(robot)
         stop = asyncio.Event()
         running = asyncio.create_task(robot.run(stop))
