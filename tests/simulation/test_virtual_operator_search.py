@@ -132,7 +132,7 @@ def search(world: World, seed: int) -> Search:
 
 
 @pytest.mark.parametrize("name", ["office", "home"])
-@pytest.mark.parametrize("seed", [1, 5, 7, 17])
+@pytest.mark.parametrize("seed", [0, 3, 4, 6])
 def test_a_search_ends_with_the_target_found_and_nothing_touched(name: str, seed: int) -> None:
     result = search(build_world(name, seed), seed)
     assert result.found
