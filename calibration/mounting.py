@@ -44,9 +44,15 @@ def scan_points(ranges: NDArray[np.float32], yaw: NDArray[np.float32], mount: Li
     smooth = median_of_three(ranges)
     valid = np.isfinite(smooth)
     distance = smooth[valid].astype(np.float64)
-    sign = -1.0 if mount.upside_down else 1.0
-    bearing = mount.yaw + sign * yaw[valid].astype(np.float64)
+    bearing = beam_bearings(yaw[valid], mount)
     return np.column_stack((mount.x + distance * np.cos(bearing), mount.y + distance * np.sin(bearing)))
+
+
+def beam_bearings(yaw: NDArray[np.float32], mount: LidarMount) -> NDArray[np.float64]:
+    """Directions (n,) of beams in the base frame, radians in [-pi, pi)."""
+    sign = -1.0 if mount.upside_down else 1.0
+    bearing = mount.yaw + sign * yaw.astype(np.float64)
+    return np.mod(bearing + np.pi, 2.0 * np.pi) - np.pi
 
 
 def median_of_three(ranges: NDArray[np.float32]) -> NDArray[np.float32]:

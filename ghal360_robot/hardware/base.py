@@ -13,7 +13,7 @@ from drivers.rmp110.device.rmp110 import STANDBY, TRACTOR, Rmp110
 from drivers.rmp110.device.state import LinkState
 from drivers.rmp110.errors import RmpError
 from drivers.rmp110.transport.can_bus import CanTransport
-from ghal360_robot.messages import ArmState, BaseMode, BaseState, LinkStats, Pose2, Twist
+from ghal360_robot.messages import STILL, ArmState, BaseMode, BaseState, LinkStats, Pose2, Twist
 
 if TYPE_CHECKING:
     from drivers.rmp110.device.state import State
@@ -39,7 +39,7 @@ LINK_WORDS = {LinkState.PROBING: LinkState.IDENTIFYING.value}
 """All devices share one set of words."""
 
 RETRY_NS = 500_000_000
-"""A refused mode change is asked for again at this pace while the operator keeps the robot armed."""
+"""A refused TRACTOR is asked for again at this pace while the operator keeps the robot armed."""
 
 
 class BaseOutput:
@@ -84,16 +84,13 @@ class BaseOutput:
         armed = applied.arm is ArmState.ARMED
         if self._mode_change is not None and not self._mode_change.done():
             return  # while modes change the driver itself sends zero
-        driving = self._base.refusal() is None
-        if armed and not driving:
-            self._ask(TRACTOR, latest.stamp_ns)
-        elif not armed and latest.mode is OperationalState.TRACTOR:
-            self._ask(STANDBY, latest.stamp_ns)
-        elif driving:
-            try:
-                self._base.send_motion(applied.twist.v, applied.twist.w)
-            except RmpError as error:
-                self._say(f"base: {error}")
+        if self._base.refusal() is None:
+            self._send(applied.twist if armed else STILL)
+        elif armed and latest.stamp_ns - self._asked_ns >= RETRY_NS:
+            self._asked_ns = latest.stamp_ns
+            self._ask(TRACTOR)
+        if not armed and latest.mode is OperationalState.TRACTOR:
+            self._ask(STANDBY)  # after the zero, and never put off
 
     def stats(self) -> LinkStats:
         stats = self._base.stats
@@ -108,10 +105,13 @@ class BaseOutput:
             last_ns=stats.last_ns,
         )
 
-    def _ask(self, mode: ModeRequest, stamp_ns: int) -> None:
-        if stamp_ns - self._asked_ns < RETRY_NS:
-            return
-        self._asked_ns = stamp_ns
+    def _send(self, twist: Twist) -> None:
+        try:
+            self._base.send_motion(twist.v, twist.w)
+        except RmpError as error:
+            self._say(f"base: {error}")
+
+    def _ask(self, mode: ModeRequest) -> None:
         self._mode_change = asyncio.create_task(self._change(mode), name=f"base to {mode.name}")
 
     async def _change(self, mode: ModeRequest) -> None:

@@ -34,7 +34,7 @@ def step(
     arming: Arming, now_ns: int, operator: OperatorInput | None, base: BaseState | None, stale: Staleness
 ) -> Arming:
     """One tick of the gate."""
-    arming, pressed = _presses(arming, operator)
+    arming, pressed, replaced = _presses(arming, operator, silent="operator" in stale.silent)
     if "estop" in pressed:
         return replace(arming, state=ArmState.ESTOP, reason="emergency stop pressed", since_ns=now_ns)
     if arming.state is ArmState.ESTOP:
@@ -42,9 +42,9 @@ def step(
             return replace(arming, state=ArmState.DISARMED, reason="emergency stop reset; press again to arm")
         return arming
     if arming.state is ArmState.ARMED:
-        why = _why_disarm(arming, now_ns, base, stale, pressed)
+        why = "another operator took over" if replaced else _why_disarm(arming, now_ns, base, stale, pressed)
         return replace(arming, state=ArmState.DISARMED, reason=why) if why else arming
-    if "arm" in pressed:
+    if "arm" in pressed and "disarm" not in pressed:
         blockers = why_not_ready(base, stale)
         if blockers:
             return replace(arming, reason="cannot arm: " + ", ".join(blockers))
@@ -75,17 +75,24 @@ def _why_disarm(arming: Arming, now_ns: int, base: BaseState | None, stale: Stal
     return ""
 
 
-def _presses(arming: Arming, operator: OperatorInput | None) -> tuple[Arming, frozenset[str]]:
-    """Edges since the last tick. Counts that fall belong to a new operator: they are a new start, no press."""
+def _presses(arming: Arming, operator: OperatorInput | None, *, silent: bool) -> tuple[Arming, frozenset[str], bool]:
+    """Edges since the last tick, and whether somebody else sits at the controls.
+
+    Counts that fall belong to a new operator. Their first message, and the first after a silence, is a new
+    start: an arm press in it may be as old as the silence. A stop counts however old it is.
+    """
     if operator is None:
-        return arming, frozenset()
+        return arming, frozenset(), False
     counts = (operator.arm_presses, operator.disarm_presses, operator.estop_presses)
-    seen = (arming.arm_seen, arming.disarm_seen, arming.estop_seen)
-    fresh_start = arming.arm_seen is None or any(now < (old or 0) for now, old in zip(counts, seen, strict=True))
-    pressed = frozenset(
-        name
-        for name, now, old in zip(("arm", "disarm", "estop"), counts, seen, strict=True)
-        if now > (old or 0) and not (fresh_start and name == "arm")
-    )
-    updated = replace(arming, arm_seen=counts[0], disarm_seen=counts[1], estop_seen=counts[2])
-    return updated, pressed
+    seen = (arming.arm_seen or 0, arming.disarm_seen, arming.estop_seen)
+    fell = any(now < before for now, before in zip(counts, seen, strict=True))
+    replaced = fell and arming.arm_seen is not None
+    new_start = silent or fell or arming.arm_seen is None
+    old = (0, 0, 0) if fell else seen
+    names = ("arm", "disarm", "estop")
+    pressed = {name for name, now, before in zip(names, counts, old, strict=True) if now > before}
+    if new_start:
+        pressed.discard("arm")
+    arm_seen = None if silent else counts[0]
+    updated = replace(arming, arm_seen=arm_seen, disarm_seen=counts[1], estop_seen=counts[2])
+    return updated, frozenset(pressed), replaced

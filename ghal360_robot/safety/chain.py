@@ -1,4 +1,4 @@
-"""The whole chain of one tick, in order: gate, envelope, stop zone, ramp. Every stage says why it acted.
+"""The whole chain of one tick, in order: gate, envelope, ramp, stop zone. Every stage says why it acted.
 
 A stop (loss, disarm, released dead man) is not ramped here: zero goes to the wire at once and the base
 slows down by its own limit, so a stop needs nothing further from this computer.
@@ -9,17 +9,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from calibration.mounting import LidarMount, scan_points
+from calibration.mounting import LidarMount, beam_bearings, scan_points
 from ghal360_robot.messages import STILL, Applied, ArmState, BaseMode, Twist
 from ghal360_robot.safety import arming as gate
 from ghal360_robot.safety.arming import Arming
 from ghal360_robot.safety.limits import SafetyLimits, clamp
 from ghal360_robot.safety.ramp import ramp
 from ghal360_robot.safety.staleness import Staleness, judge
-from ghal360_robot.safety.stop_zone import limit
+from ghal360_robot.safety.stop_zone import blind_ahead, limit
 
 if TYPE_CHECKING:
-    from ghal360_robot.messages import Inputs
+    from ghal360_robot.messages import Inputs, LidarScan
 
 MAX_DT_S = 0.1
 """A late tick must not buy a bigger step of the ramp."""
@@ -51,14 +51,18 @@ class Safety:
             applied = Applied(STILL, arming.state, held)
             return SafetyState(arming, STILL, now), applied
         command, reasons = clamp(wanted, self.limits)
-        scan = inputs.scan
-        points = None if scan is None else scan_points(scan.ranges, scan.yaw, self.lidar)
-        beams = 0 if scan is None else len(scan.ranges)
-        command, stopped, free_m = limit(points, beams, command, self.limits)
         eased, ramping = ramp(state.last, command, dt_s, self.limits)
-        if stopped and abs(eased.v) > abs(command.v):
-            eased = Twist(command.v, eased.w)  # an obstacle is not approached at the pace of a ramp
-        return SafetyState(arming, eased, now), Applied(eased, arming.state, reasons + stopped + ramping, free_m)
+        # Last of all, so that exactly what goes out was checked; an obstacle is not approached at a ramp's pace.
+        twist, stopped, free_m = self._before_obstacles(inputs.scan, eased)
+        return SafetyState(arming, twist, now), Applied(twist, arming.state, reasons + ramping + stopped, free_m)
+
+    def _before_obstacles(self, scan: LidarScan | None, wanted: Twist) -> tuple[Twist, tuple[str, ...], float | None]:
+        if scan is None:
+            return limit(None, wanted, self.limits)
+        blind = blind_ahead(scan.ranges, beam_bearings(scan.yaw, self.lidar)) if wanted.v > 0 else None
+        if blind:
+            return Twist(0.0, wanted.w), (blind,), None
+        return limit(scan_points(scan.ranges, scan.yaw, self.lidar), wanted, self.limits)
 
     def not_ready(self, inputs: Inputs) -> tuple[str, ...]:
         """What would keep a press of the arm button from arming, for the status line and the page."""

@@ -16,26 +16,30 @@ WORDS = {"operator": "operator", "tim571": "lidar", "rmp110": "base", "theta": "
 
 @dataclass(frozen=True, slots=True)
 class Staleness:
-    """`hold`: stand still now; `lost`: disarm."""
+    """`hold`: stand still now; `lost`: disarm; both in words. `silent` names the inputs that are too old."""
 
     hold: tuple[str, ...] = ()
     lost: tuple[str, ...] = ()
+    silent: frozenset[str] = frozenset()
 
 
 def judge(freshness: Mapping[str, Freshness], limits: SafetyLimits) -> Staleness:
     """Compare every input's age with its two limits; an input that was never seen is lost."""
     hold: list[str] = []
     lost: list[str] = []
+    silent: set[str] = set()
     lost_s = dict(limits.lost_s)
     for name, hold_s in limits.hold_s:
         word = WORDS.get(name, name)
         fresh = freshness.get(name)
         if fresh is None or not fresh.age_s <= lost_s[name]:
             lost.append(f"{word} lost")
+            silent.add(name)
         elif not fresh.valid:
             lost.append(f"{word} not valid")
         elif fresh.age_s > hold_s:
             hold.append(f"{word} stale")
+            silent.add(name)
         elif not fresh.rate_ok:
             hold.append(f"{word} slow")
-    return Staleness(tuple(hold), tuple(lost))
+    return Staleness(tuple(hold), tuple(lost), frozenset(silent))

@@ -8,8 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from calibration.mounting import scan_points
 from ghal360_robot.messages import STILL, Applied, ArmState, BaseMode, Freshness, Inputs, Twist
 from ghal360_robot.safety.chain import Safety, SafetyState
+from ghal360_robot.safety.stop_zone import limit
 from tests.safety.conftest import TICK_NS, YAW, inputs, scan
 
 FORWARD = Twist(0.5, 0.0)
@@ -175,3 +177,59 @@ def test_whatever_is_wanted_the_applied_twist_keeps_every_limit(steps: list[tupl
         if abs(v) > abs(before.v):
             assert abs(v - before.v) <= limits.accel * dt + 1e-9
         assert abs(w - before.w) <= limits.w_accel * dt + 1e-9
+
+
+def press(n: int, **counts: int) -> Inputs:
+    tick = inputs(n)
+    assert tick.operator is not None
+    return replace(tick, operator=replace(tick.operator, **counts))
+
+
+def stale_operator(tick: Inputs, age_s: float) -> Inputs:
+    old = Freshness(alive=False, rate_ok=True, valid=True, age_s=age_s)
+    return replace(tick, freshness={**tick.freshness, "operator": old})
+
+
+def test_a_message_that_both_arms_and_disarms_does_not_arm() -> None:
+    _, out = drive(Safety(), [press(0, arm_presses=0), press(1, arm_presses=1, disarm_presses=1)], FORWARD)
+    assert out[-1].arm is ArmState.DISARMED
+
+
+@pytest.mark.parametrize("age_s", [0.4, 5.0])
+def test_a_press_made_during_a_silence_does_not_arm_when_it_arrives(age_s: float) -> None:
+    safety = Safety()
+    state, _ = drive(safety, [press(0, arm_presses=0)], FORWARD)
+    state, _ = drive(safety, [stale_operator(press(1, arm_presses=0), age_s)], FORWARD, state)
+    state, out = drive(safety, [press(2, arm_presses=1)] * 3, FORWARD, state)
+    assert out[-1].arm is ArmState.DISARMED
+    _, out = drive(safety, [press(5, arm_presses=2)], FORWARD, state)
+    assert out[-1].arm is ArmState.ARMED
+
+
+def test_an_emergency_stop_pressed_during_a_silence_counts() -> None:
+    safety = Safety()
+    state, _ = armed(safety)
+    state, _ = drive(safety, [stale_operator(press(100, arm_presses=1), 0.4)], FORWARD, state)
+    _, out = drive(safety, [press(101, arm_presses=1, estop_presses=1)], FORWARD, state)
+    assert out[-1].arm is ArmState.ESTOP
+
+
+def test_an_operator_with_fewer_presses_is_another_one_and_disarms() -> None:
+    safety = Safety()
+    state, _ = armed(safety)
+    _, out = drive(safety, [press(100, arm_presses=0)], FORWARD, state)
+    assert out[-1].arm is ArmState.DISARMED
+    assert "another operator" in out[-1].reasons[0]
+
+
+def test_what_goes_out_is_exactly_what_was_checked_against_the_scan() -> None:
+    """A gentle arc that is free becomes a blocked one while w ramps: the ramped twist is the one that counts."""
+    safety = Safety()
+    corner = np.where((YAW > -0.35) & (YAW < 0.0), 1.2, 6.0)
+    state = SafetyState()
+    for n in range(200):
+        state, applied = safety.step(state, replace(inputs(n), scan=scan(corner)), Twist(0.5, 0.6))
+        points = scan_points(scan(corner).ranges, YAW, safety.lidar)
+        again, reasons, _ = limit(points, applied.twist, safety.limits)
+        assert again == applied.twist
+        assert reasons == ()

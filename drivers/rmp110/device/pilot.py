@@ -103,6 +103,8 @@ class Pilot:
     async def enter_standby(self) -> None:
         """Zero motion until slow, then STANDBY. Raises RmpTimeout, RmpLinkError."""
         self._disarm("STANDBY was requested")
+        # Whatever was commanded last may not have taken effect yet: feedback lags by 40 ms.
+        self._link.try_send(ZERO_MOTION)
         stored, state = self._identity.stored, self._state
         longest_s = STOP_MARGIN_S
         if state:
