@@ -11,7 +11,7 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from ghal360_robot.errors import UsageError
 
@@ -50,6 +50,13 @@ class Rmp110Section(_Section):
     channel: str = Field("can0", description="Channel of that interface")
     host: str = Field("", description="Host of a socketcand server; only with interface = socketcand")
     port: int = Field(0, ge=0, le=65535, description="Port of that server")
+
+    @model_validator(mode="after")
+    def _reachable(self) -> Rmp110Section:
+        if self.interface == "socketcand" and not (self.host and self.port):
+            raise ValueError("interface = socketcand needs host and port of its server")
+        return self
+
     track_m: float = Field(0.481224, gt=0.2, lt=1.5, description="Distance between the driven wheels")
     write_parameters: bool = Field(False, description="Write stored parameters that differ; without, refuse to move")
     write_feedback_set: bool = Field(True, description="Write the compact feedback set if another one is stored")
@@ -72,7 +79,7 @@ class ControlSection(_Section):
 
 
 class PerceptionSection(_Section):
-    detector: str = Field("none", description="See `ghal360 run --help`; `painted` works on simulated pictures only")
+    detector: str = Field("none", description="none, or painted, which works on simulated pictures only")
     rate_hz: float = Field(4.0, gt=0, le=30, description="Panoramas searched per second, at most")
     min_score: float = Field(0.5, ge=0, le=1)
     target: str = Field("", description="Class name of the object searched for; empty: no search")
@@ -87,6 +94,13 @@ class GuidanceSection(_Section):
 class IntentSection(_Section):
     threshold: float = Field(0.7, gt=0.125, lt=1, description="Belief at which the robot drives (paper: 70 %)")
     drive_while_guiding: bool = Field(False, description="Allow driving while a left/right cue is shown")
+
+
+MAX_HOLD_S = {"operator": 0.25, "lidar": 0.5, "base": 0.5, "video": 1.0}
+"""Longest silence before the base stands still: 0.3 s from the operator's last sign of life to the wire."""
+
+MAX_STOPPING_M = 4.0
+"""What a TiM571 surely sees of a dark wall (10 % remission: 8 m), halved."""
 
 
 class SafetySection(_Section):
@@ -108,6 +122,23 @@ class SafetySection(_Section):
     base_lost_s: Seconds = 1.0
     video_hold_s: Seconds = Field(0.7, description="Nobody drives on a frozen picture")
     video_lost_s: Seconds = 2.0
+
+    @model_validator(mode="after")
+    def _coherent(self) -> SafetySection:
+        """What no robot should be told, even where each number alone is possible."""
+        for name, longest_s in MAX_HOLD_S.items():
+            hold_s, lost_s = getattr(self, f"{name}_hold_s"), getattr(self, f"{name}_lost_s")
+            if hold_s > longest_s:
+                raise ValueError(f"{name}_hold_s is {hold_s:g} s: longer than {longest_s:g} s is no hold")
+            if lost_s < hold_s:
+                raise ValueError(f"{name}_lost_s ({lost_s:g} s) is shorter than {name}_hold_s ({hold_s:g} s)")
+        stopping_m = self.v_max * self.reaction_s + self.v_max**2 / (2.0 * self.decel)
+        if stopping_m > MAX_STOPPING_M:
+            raise ValueError(
+                f"from v_max = {self.v_max:g} m/s the robot needs {stopping_m:.1f} m to stop with "
+                f"decel = {self.decel:g} m/s^2: more than {MAX_STOPPING_M:g} m; lower v_max"
+            )
+        return self
 
 
 class LogbookSection(_Section):
@@ -169,4 +200,6 @@ def _validated(data: dict[str, Any], origin: str) -> RobotConfig:
         if first["type"] == "extra_forbidden":
             raise UsageError(f"{origin}: unknown setting '{key}'; `ghal360 config schema` lists all") from error
         more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+        if first["type"] == "value_error":
+            raise UsageError(f"{origin}: [{key}] {first['ctx']['error']}{more}") from error
         raise UsageError(f"{origin}: setting '{key}': {first['msg']}, got {first['input']!r}{more}") from error

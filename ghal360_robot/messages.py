@@ -169,10 +169,6 @@ class Freshness:
     valid: bool
     age_s: float
 
-    @property
-    def ok(self) -> bool:
-        return self.alive and self.rate_ok and self.valid
-
 
 @dataclass(frozen=True, slots=True)
 class Inputs:

@@ -22,7 +22,7 @@ from ghal360_robot.board import Board, make_board
 from ghal360_robot.brain import BrainState
 from ghal360_robot.errors import GhalError
 from ghal360_robot.hardware.base import BaseOutput
-from ghal360_robot.hardware.camera import CameraInput
+from ghal360_robot.hardware.camera import CameraInput, require_transport
 from ghal360_robot.hardware.lidar import LidarInput
 from ghal360_robot.journal import Journal, RunReport, device_report
 from ghal360_robot.logbook.handler import LogbookHandler
@@ -66,10 +66,11 @@ class Robot:
     """A robot of this configuration. `await run(stop)` from start to finish; the rest is for looking at it."""
 
     def __init__(self, config: RobotConfig, operator: Operator | None, record_to: Path) -> None:
+        require_transport(config.theta)
         self.config = config
         self.operator = operator
         self.record_to = record_to
-        self.board: Board = make_board(config.theta.rate_hz, operator.rate_hz if operator else 20.0)
+        self.board: Board = make_board(config, operator.rate_hz if operator else 20.0)
         self.detector = make_detector(config.perception.detector)
         self.recorder: Recorder
         self.loop: ControlLoop
@@ -119,13 +120,13 @@ class Robot:
             rate_hz=config.perception.rate_hz,
             camera_yaw=math.radians(config.mounting.camera_yaw_deg),
         )
-        decoder = PictureDecoder(worker.offer if self.detector.class_names else _ignore)
+        decoder = PictureDecoder(self._decoded)
         stack.enter_context(worker)
         stack.enter_context(decoder)
         self._worker = worker
         base = BaseOutput(config.rmp110, config.safety, board, self.recorder)
         lidar = LidarInput(config.tim571, board, self.recorder)
-        camera = CameraInput(config.theta, board, self.recorder, decoder)
+        camera = CameraInput(config.theta, self.recorder, decoder)
         self.inputs = (camera, lidar, base)
         for device in self.inputs:  # left in reverse order: the base comes to a stop first
             await device.enter(stack)
@@ -204,6 +205,13 @@ class Robot:
         if self.journal.found_ns is not None:
             self.found.set()
 
+    def _decoded(self, picture: Picture) -> None:
+        """On the decoder's thread."""
+        if not picture.tainted:
+            self.board.put_picture(picture.stamp_ns)
+        if self.detector.class_names:
+            self._worker.offer(picture)
+
     def _detected(self, detections: Detections) -> None:
         self.board.put_detections(detections)
         self.recorder.detections(detections)
@@ -258,7 +266,3 @@ class Robot:
             recording=str(folder),
             recording_bytes=sum(part.stat().st_size for part in folder.glob("*.rrd")),
         )
-
-
-def _ignore(_picture: Picture) -> None:
-    """Without a detector nobody asks for pictures; decoding goes on because it tells damage."""

@@ -9,7 +9,7 @@ SECOND = 1_000_000_000
 
 def test_an_input_never_seen_is_not_alive_and_infinitely_old() -> None:
     fresh = RateWatch(15.0, 0.3).at(SECOND, valid=True)
-    assert not fresh.ok
+    assert not fresh.alive
     assert fresh.age_s == math.inf
 
 
@@ -18,7 +18,7 @@ def test_a_steady_input_is_alive_at_rate_and_valid() -> None:
     for n in range(45):
         watch.note(n * SECOND // 15)
     fresh = watch.at(44 * SECOND // 15 + 1_000_000, valid=True)
-    assert fresh.ok
+    assert (fresh.alive, fresh.rate_ok, fresh.valid) == (True, True, True)
     assert fresh.age_s == 0.001
 
 
@@ -40,10 +40,10 @@ def test_silence_ages_and_a_return_starts_a_new_rate() -> None:
     assert silent.age_s > 5
     for n in range(12):
         watch.note(8 * SECOND + n * SECOND // 15)
-    assert watch.at(8 * SECOND + 12 * SECOND // 15, valid=True).ok
+    assert watch.at(8 * SECOND + 12 * SECOND // 15, valid=True).rate_ok
 
 
 def test_an_invalid_input_is_never_ok() -> None:
     watch = RateWatch(15.0, 0.3)
     watch.note(0)
-    assert not watch.at(1, valid=False).ok
+    assert not watch.at(1, valid=False).valid

@@ -47,7 +47,7 @@ class Witness:
 def loop_of(witness: Witness, notifier: Notifier | None = None) -> ControlLoop:
     config = RobotConfig()
     return ControlLoop(
-        board=make_board(30.0, 20.0),
+        board=make_board(config, 20.0),
         brain=make_brain(config),
         safety=make_safety(config),
         actuator=witness,

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from ghal360_robot.config import RobotConfig, load_config
+from ghal360_robot.perception.detectors.base import make_detector
 
 app = typer.Typer(help="Check, show and explain the robot's settings.", no_args_is_help=True)
 
@@ -17,6 +18,7 @@ app = typer.Typer(help="Check, show and explain the robot's settings.", no_args_
 def check(path: Path) -> None:
     """Say whether a configuration file is valid; exit status 2 and one sentence if not."""
     config = load_config(path)
+    make_detector(config.perception.detector)
     print(f"{path} is valid; sha256 {config.sha256()[:16]}")
 
 

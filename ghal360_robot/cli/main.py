@@ -67,5 +67,5 @@ def guarded(command: Callable[[], None]) -> int:
         Console(stderr=True, highlight=False, soft_wrap=True).print(f"[bold red]error:[/] {escape(str(error))}")
         return error.exit_status if isinstance(error, GhalError) else 1
     except KeyboardInterrupt:
-        return 130
+        return 1
     return 0

@@ -5,10 +5,11 @@ from __future__ import annotations
 import asyncio
 import json
 import math
+import os
 import time
 from contextlib import AsyncExitStack
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, BinaryIO
 
 import numpy as np
 import typer
@@ -18,15 +19,17 @@ from rich.markup import escape
 from drivers.rmp110.codec.parameters import BY_NAME
 from drivers.rmp110.device.config import Rmp110Config
 from drivers.rmp110.device.rmp110 import Rmp110
+from drivers.rmp110.device.state import LinkState
 from drivers.rmp110.transport.can_bus import CanTransport
 from drivers.theta_v.device.camera import ThetaV
 from drivers.theta_v.device.config import ThetaConfig
+from drivers.theta_v.errors import ThetaError
 from drivers.theta_v.transport.usbip import UsbIpTransport
 from drivers.tim571.device.config import TimConfig
 from drivers.tim571.device.probe import probe as probe_lidar
 from drivers.tim571.transport.tcp import TcpTransport
 from ghal360_robot.cli.address import split_address
-from ghal360_robot.errors import UsageError
+from ghal360_robot.errors import GhalError, UsageError
 from ghal360_robot.hardware.camera import NO_USB
 from ghal360_robot.hardware.lidar import DIALECTS
 
@@ -98,6 +101,8 @@ def rmp110(
     Example: ghal360 probe rmp110 --channel can0
     """
     options: dict[str, Any] = {}
+    if interface == "socketcand" and address is None:
+        raise UsageError("--interface socketcand needs --address HOST:PORT of its server")
     if address is not None:
         interface = "socketcand"
         options["host"], options["port"] = split_address(address)
@@ -111,6 +116,8 @@ async def _probe_base(interface: str, channel: str, options: dict[str, Any], sec
         identity = await base.ready(READY_S)
         await asyncio.sleep(seconds)
         stats, state = base.stats, base.latest
+        if stats.link is not LinkState.STREAMING:
+            raise GhalError(f"the base was there and is gone: {stats.detail}")
         stored = {name: round(float(identity.stored[name]), 6) for name in BY_NAME}
     _show(
         {
@@ -148,51 +155,50 @@ def theta_v(
     if usbip is None:
         raise UsageError(NO_USB)
     host, port = split_address(usbip)
-    values, raw = asyncio.run(_probe_camera(host, port, serial, seconds))
-    if save is not None:
-        try:
-            save.write_bytes(raw)
-        except OSError as error:
-            raise UsageError(f"cannot write {save}: {error.strerror}") from error
+    try:
+        with open(save or os.devnull, "wb") as file:  # noqa: PTH123 - the null device where nothing is kept
+            values = asyncio.run(_probe_camera(host, port, serial, seconds, file))
+    except OSError as error:
+        if isinstance(error, ThetaError):
+            raise
+        raise UsageError(f"cannot write {save}: {error.strerror}") from error
     _show(values, as_json)
 
 
-async def _probe_camera(host: str, port: int, serial: str | None, seconds: float) -> tuple[dict[str, Any], bytes]:
+async def _probe_camera(host: str, port: int, serial: str | None, seconds: float, file: BinaryIO) -> dict[str, Any]:
     async with AsyncExitStack() as stack:
         camera = await stack.enter_async_context(
             ThetaV(lambda: UsbIpTransport(host, port), ThetaConfig(serial=serial), once=True)
         )
-        raw, keyframes, sizes = bytearray(), 0, []
+        pictures = keyframes = size = 0
         until = time.monotonic() + seconds
         units = camera.access_units()
         stack.push_async_callback(units.aclose)  # type: ignore[attr-defined]
         async for unit in units:
-            sizes.append(len(unit.raw))
+            pictures += 1
+            size += len(unit.raw)
             keyframes += unit.keyframe
-            raw += unit.raw
+            file.write(unit.raw)
             if time.monotonic() >= until:
                 break
         stats = camera.stats
-    return (
-        {
-            "model": stats.model,
-            "serial": stats.serial,
-            "firmware": stats.firmware,
-            "usb_id": stats.usb_id,
-            "width": stats.width,
-            "height": stats.height,
-            "pictures": len(sizes),
-            "key_pictures": keyframes,
-            "mean_bytes": round(sum(sizes) / len(sizes)) if sizes else 0,
-            "received": stats.received,
-            "lost": stats.lost,
-            "damaged": stats.damaged,
-            "tainted": stats.tainted,
-            "rate_hz": round(stats.rate_hz, 2),
-            "bit_rate": round(stats.bit_rate),
-        },
-        bytes(raw),
-    )
+    return {
+        "model": stats.model,
+        "serial": stats.serial,
+        "firmware": stats.firmware,
+        "usb_id": stats.usb_id,
+        "width": stats.width,
+        "height": stats.height,
+        "pictures": pictures,
+        "key_pictures": keyframes,
+        "mean_bytes": round(size / pictures) if pictures else 0,
+        "received": stats.received,
+        "lost": stats.lost,
+        "damaged": stats.damaged,
+        "tainted": stats.tainted,
+        "rate_hz": round(stats.rate_hz, 2),
+        "bit_rate": round(stats.bit_rate),
+    }
 
 
 def _show(values: dict[str, Any], as_json: bool) -> None:

@@ -74,7 +74,7 @@ def run(
         if config.perception.detector == "none":
             config = with_overrides(config, {"perception": {"detector": detector}})
     config = with_target(config, target or (scenario.target if scenario and not camera_images else None))
-    report = run_session(
+    ended = run_session(
         Session(
             config=config,
             scenario=scenario,
@@ -86,6 +86,6 @@ def run(
         )
     )
     if as_json:
-        print_json(report)
+        print_json(ended.report)
     else:
-        print_summary(report)
+        print_summary(ended.report)

@@ -1,8 +1,9 @@
-"""One session of the robot service from the command line: signals, status line, summary."""
+"""One session of the robot service from the command line: signals, status line, ends, summary."""
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import logging
 import signal
@@ -13,23 +14,24 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
-from rich.live import Live
-from rich.logging import RichHandler
+from rich.table import Table
 
 from ghal360_robot.cli.status import status
+from ghal360_robot.cli.terminal import log_lines, status_line
 from ghal360_robot.config import with_overrides
 from ghal360_robot.robot import Robot
 from ghal360_robot.simulation.remote_operator import RemoteOperator
-from ghal360_robot.simulation.session import SimulatedHardware
+from ghal360_robot.simulation.session import SimulatedHardware, SimulationError
 
 if TYPE_CHECKING:
     from ghal360_robot.config import RobotConfig
     from ghal360_robot.journal import RunReport
     from ghal360_robot.simulation.link import Scenario
 
-STATUS_HZ = 4
 AFTER_FOUND_S = 1.0
 """A second of standing in front of what was found, so that the recording shows it."""
+
+WATCH_S = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,23 +46,34 @@ class Session:
     until_found: bool
     record_to: Path
     quiet: bool
-    """Nothing on the terminal but the last line."""
+    """Nothing on the terminal but warnings and the last line."""
 
 
-def run_session(session: Session) -> RunReport:
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """How a session ended."""
+
+    report: RunReport
+    interrupted: bool
+    """By SIGTERM or Ctrl-C, not by its own rules."""
+
+
+def run_session(session: Session) -> Ended:
     """Run to the end of the session, by duration, by "found", or by SIGTERM and Ctrl-C. Raises GhalError."""
     console = Console(stderr=True)
-    level = logging.WARNING if session.quiet else logging.INFO
-    handler = RichHandler(level, console, show_path=False, markup=False, rich_tracebacks=False)
-    logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[handler])
-    return asyncio.run(_run(session, console))
+    with log_lines(console, logging.WARNING if session.quiet else logging.INFO):
+        return asyncio.run(_run(session, console))
 
 
-async def _run(session: Session, console: Console) -> RunReport:
-    stop = asyncio.Event()
-    running = asyncio.get_running_loop()
+async def _run(session: Session, console: Console) -> Ended:
+    stop, interrupted = asyncio.Event(), asyncio.Event()
+
+    def interrupt() -> None:
+        interrupted.set()
+        stop.set()
+
     for number in (signal.SIGTERM, signal.SIGINT):
-        running.add_signal_handler(number, stop.set)
+        asyncio.get_running_loop().add_signal_handler(number, interrupt)
     async with AsyncExitStack() as stack:
         config, operator, hardware = session.config, None, None
         if session.scenario is not None:
@@ -73,15 +86,17 @@ async def _run(session: Session, console: Console) -> RunReport:
         robot = Robot(config, operator, session.record_to)
         if hardware is not None:
             hardware.record_into(robot)
-        watching = asyncio.create_task(_watch(session, robot, stop, console))
+        watching = asyncio.create_task(_watch(session, robot, hardware, stop, console), name="watch")
+        watching.add_done_callback(lambda _: stop.set())
         try:
             report = await robot.run(stop)
         finally:
             watching.cancel()
-            await asyncio.wait({watching})
-            if not watching.cancelled():
-                watching.result()
-        return report if hardware is None else replace(report, simulation=hardware.summary())
+            with contextlib.suppress(asyncio.CancelledError):
+                await watching
+        if hardware is not None:
+            report = replace(report, simulation=hardware.summary())
+        return Ended(report, interrupted.is_set())
 
 
 def simulated(config: RobotConfig, hardware: SimulatedHardware) -> RobotConfig:
@@ -103,33 +118,30 @@ def simulated(config: RobotConfig, hardware: SimulatedHardware) -> RobotConfig:
     )
 
 
-async def _watch(session: Session, robot: Robot, stop: asyncio.Event, console: Console) -> None:
-    """The status line, and the two reasons to stop that are not signals."""
+async def _watch(
+    session: Session, robot: Robot, hardware: SimulatedHardware | None, stop: asyncio.Event, console: Console
+) -> None:
+    """The status line, and the reasons to stop that are not signals. Raises SimulationError."""
     await robot.started.wait()
     began_s = time.monotonic()
-    live = Live(console=console, refresh_per_second=STATUS_HZ, transient=True)
     found_s: float | None = None
-    with live if not session.quiet and console.is_terminal else _NoLive():
+    target = session.config.perception.target
+
+    def picture() -> Table:
+        seconds = time.monotonic() - began_s
+        return status(robot.loop.newest, robot.links(), robot.loop.lateness, target, seconds)
+
+    with status_line(Console(quiet=True) if session.quiet else console, picture):
         while not stop.is_set():
             seconds = time.monotonic() - began_s
             if robot.found.is_set() and found_s is None:
                 found_s = seconds
             late = session.duration_s is not None and seconds >= session.duration_s
             if late or (session.until_found and found_s is not None and seconds >= found_s + AFTER_FOUND_S):
-                stop.set()
-            target = session.config.perception.target
-            live.update(status(robot.loop.newest, robot.links(), robot.loop.lateness, target, seconds))
-            await asyncio.sleep(1.0 / STATUS_HZ)
-
-
-class _NoLive:
-    """Stands in for the status line where there is no terminal to draw it on."""
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, *_: object) -> None:
-        return None
+                return
+            if hardware is not None and hardware.gone.is_set():
+                raise SimulationError("the simulated hardware ended in the middle of the run")
+            await asyncio.sleep(WATCH_S)
 
 
 def print_json(report: RunReport) -> None:

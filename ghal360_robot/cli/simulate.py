@@ -122,8 +122,8 @@ def theta_v(
 def _serve(running: contextlib.AbstractAsyncContextManager[str]) -> None:
     try:
         asyncio.run(_until_signal(running))
-    except OSError as error:
-        raise GhalError(f"cannot listen there: {error.strerror or error}") from error
+    except (OSError, UnicodeError) as error:
+        raise GhalError(f"cannot listen there: {getattr(error, 'strerror', None) or error}") from error
 
 
 async def _until_signal(running: contextlib.AbstractAsyncContextManager[str]) -> None:

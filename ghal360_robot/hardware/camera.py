@@ -1,4 +1,4 @@
-"""The camera's access units: into the logbook as received, to the decoder, and as a sign of life to the board."""
+"""The camera's access units: into the logbook as received, and to the decoder."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from ghal360_robot.messages import LinkStats
 
 if TYPE_CHECKING:
     from drivers.theta_v.codec.access_units import AccessUnit
-    from ghal360_robot.board import Board
     from ghal360_robot.config import ThetaSection
     from ghal360_robot.logbook.recorder import Recorder
     from ghal360_robot.perception.decode import PictureDecoder
@@ -27,15 +26,18 @@ NO_USB = (
 MODES = {"2k": Mode.TWO_K, "4k": Mode.FOUR_K}
 
 
+def require_transport(config: ThetaSection) -> None:
+    """Raises GhalError for a transport that this version does not have."""
+    if config.transport != "usbip":
+        raise GhalError(NO_USB)
+
+
 class CameraInput:
     """A THETA V that runs until the robot ends, whatever happens to the device."""
 
     name = "theta"
 
-    def __init__(self, config: ThetaSection, board: Board, recorder: Recorder, decoder: PictureDecoder) -> None:
-        if config.transport != "usbip":
-            raise GhalError(NO_USB)
-        self._board = board
+    def __init__(self, config: ThetaSection, recorder: Recorder, decoder: PictureDecoder) -> None:
         self._decoder = decoder
         self._recorder = recorder
         self._camera = ThetaV(
@@ -49,7 +51,6 @@ class CameraInput:
 
     async def run(self) -> None:
         async for unit in self._camera.access_units():
-            self._board.put_picture(unit.stamp_ns)
             self._decoder.submit(unit.data, unit.stamp_ns, tainted=unit.tainted)
 
     def stats(self) -> LinkStats:

@@ -45,6 +45,8 @@ class SimulatedHardware:
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
         self.truth: Truth | None = None
+        self.gone = asyncio.Event()
+        """Set when the process ended although nobody asked it to."""
         self._world = build_world(scenario.world, scenario.seed, scenario.target)
         self._on_truth: Callable[[Truth], None] | None = None
         self.on_operator: Callable[[OperatorInput], None] | None = None
@@ -144,6 +146,7 @@ class SimulatedHardware:
             elif kind == "operator" and self.on_operator is not None:
                 self.on_operator(operator_from_json(value))
         logger.error("the simulated hardware is gone")
+        self.gone.set()
 
     async def _end(self) -> None:
         if self._listening is not None:

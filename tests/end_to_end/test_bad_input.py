@@ -72,6 +72,27 @@ def test_a_camera_that_is_not_there(one_sentence: Callable[..., None]) -> None:
     one_sentence(["probe", "theta-v", "--usbip", "127.0.0.1:9"], 1, "127.0.0.1:9")
 
 
+@pytest.mark.parametrize("host", ["a..b", "x" * 70])
+def test_a_camera_host_that_is_no_name(one_sentence: Callable[..., None], host: str) -> None:
+    one_sentence(["probe", "theta-v", "--usbip", f"{host}:9"], 1, "cannot reach")
+    one_sentence(["simulate", "theta-v", "--usbip", f"{host}:0"], 1, "cannot listen")
+
+
+def test_a_socketcand_base_without_its_server(one_sentence: Callable[..., None]) -> None:
+    one_sentence(["probe", "rmp110", "--interface", "socketcand"], 2, "--address")
+
+
+def test_an_unknown_detector(one_sentence: Callable[..., None], tmp_path: Path) -> None:
+    path = tmp_path / "robot.toml"
+    path.write_text('[perception]\ndetector = "yolo"\n', encoding="utf-8")
+    one_sentence(["config", "check", path], 2, "yolo", "painted")
+
+
+def test_a_real_camera_that_this_version_cannot_reach(one_sentence: Callable[..., None], tmp_path: Path) -> None:
+    one_sentence(["run", "--record", tmp_path / "runs"], 1, "not in this version")
+    assert not (tmp_path / "runs").exists()
+
+
 def test_a_robot_whose_devices_are_away_says_which(one_sentence: Callable[..., None], tmp_path: Path) -> None:
     path = tmp_path / "robot.toml"
     path.write_text(

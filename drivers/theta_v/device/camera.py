@@ -69,6 +69,7 @@ class ThetaV:
             self._task = asyncio.create_task(self._stream_once(video, agreement))
         else:
             self._task = asyncio.create_task(self._keep_streaming())
+            self._task.add_done_callback(self._ended)
         return self
 
     async def __aexit__(
@@ -129,6 +130,13 @@ class ThetaV:
             width=width,
             height=height,
         )
+
+    def _ended(self, task: asyncio.Task[None]) -> None:
+        """The task never ends by itself; if a mistake of ours ends it, the readers must not wait for ever."""
+        if not task.cancelled() and task.exception() is not None:
+            log.error("the camera driver failed: %r", task.exception())
+            self._link, self._detail = Link.CLOSED, f"the driver failed: {task.exception()!r}"
+            self._collector.close()
 
     async def _keep_streaming(self) -> None:
         pause_s = self.config.backoff_min_s

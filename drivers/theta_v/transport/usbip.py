@@ -264,7 +264,7 @@ class UsbIpTransport:
         except ConnectionRefusedError:
             stream.close()
             raise ThetaNotFound(f"no {self.name}; start it, or check the address") from None
-        except OSError as error:
+        except (OSError, UnicodeError) as error:  # a name that is none is a UnicodeError
             stream.close()
             raise ThetaNotFound(f"cannot reach the {self.name}: {error or 'no answer'}") from None
         except BaseException:
