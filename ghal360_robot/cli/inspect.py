@@ -13,7 +13,7 @@ from rich.table import Table
 from ghal360_robot.logbook.inspection import inspect_run
 
 if TYPE_CHECKING:
-    from ghal360_robot.logbook.inspection import RunReport
+    from ghal360_robot.logbook.inspection import RecordingReport
 
 
 def inspect(
@@ -31,7 +31,7 @@ def inspect(
         _print(report, Console(highlight=False))
 
 
-def _print(report: RunReport, console: Console) -> None:
+def _print(report: RecordingReport, console: Console) -> None:
     console.print(f"[bold]{escape(report.run_id)}[/]  {report.duration_s:.1f} s")
     console.print(", ".join(f"{key} {escape(value)}" for key, value in report.properties.items() if value))
     for file in report.files:

@@ -86,7 +86,7 @@ class DecisionReport:
 
 
 @dataclass(frozen=True, slots=True)
-class RunReport:
+class RecordingReport:
     run_id: str
     duration_s: float
     properties: dict[str, str]
@@ -108,7 +108,7 @@ class RunReport:
         return json.dumps(asdict(self), ensure_ascii=False, allow_nan=False)
 
 
-def inspect_run(path: Path) -> RunReport:
+def inspect_run(path: Path) -> RecordingReport:
     """Read a run's folder or a single .rrd file and report on it.
 
     Raises:
@@ -118,12 +118,12 @@ def inspect_run(path: Path) -> RunReport:
         return report(reader)
 
 
-def report(reader: RunReader) -> RunReport:
+def report(reader: RunReader) -> RecordingReport:
     entities, duration_s = _entities(reader)
     tally = _Tally()
     for tick in reader.ticks():
         tally.add(tick)
-    return RunReport(
+    return RecordingReport(
         run_id=reader.run_id,
         duration_s=duration_s,
         properties=dict(reader.properties),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from ghal360_robot.logbook.blueprint import operator_blueprint
-from ghal360_robot.logbook.inspection import RunReport, inspect_run
+from ghal360_robot.logbook.inspection import RecordingReport, inspect_run
 from ghal360_robot.logbook.recorder import Recorder
 from ghal360_robot.messages import Applied, ArmState, BaseMode, BaseState, Cue, Decision, Pose2, Twist
 from tests.logbook import robot
@@ -22,7 +22,7 @@ SECOND = 1_000_000_000
 
 
 @pytest.fixture(scope="module")
-def report(tmp_path_factory: pytest.TempPathFactory) -> RunReport:
+def report(tmp_path_factory: pytest.TempPathFactory) -> RecordingReport:
     """Ten seconds: 50 ticks/s with one missing, 10 pictures/s with a gap, held back by a person for 2 s."""
     recorder = Recorder(tmp_path_factory.mktemp("runs"), properties={"robot": "7"}, config_toml="")
     for k in range(501):
@@ -44,7 +44,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> RunReport:
     return inspect_run(recorder.folder)
 
 
-def test_duration_rates_and_gaps_are_per_entity(report: RunReport) -> None:
+def test_duration_rates_and_gaps_are_per_entity(report: RecordingReport) -> None:
     assert report.duration_s == pytest.approx(10.004)
     assert report.properties == {"robot": "7"}
     assert report.damage == ()
@@ -57,19 +57,19 @@ def test_duration_rates_and_gaps_are_per_entity(report: RunReport) -> None:
     assert report.files[0].bytes > 0
 
 
-def test_video_counts_what_is_missing_and_tainted(report: RunReport) -> None:
+def test_video_counts_what_is_missing_and_tainted(report: RecordingReport) -> None:
     assert (report.video.units, report.video.missing) == (92, 9)
     assert (report.video.keyframes, report.video.tainted, report.video.bytes) == (1, 1, 92_000)
 
 
-def test_ages_and_lateness_are_percentiles_over_the_ticks(report: RunReport) -> None:
+def test_ages_and_lateness_are_percentiles_over_the_ticks(report: RecordingReport) -> None:
     assert report.age_ms["base"].median == pytest.approx(4.0)
     assert "operator" not in report.age_ms
     assert (report.lateness_ms.count, report.lateness_ms.max) == (500, 99.0)
     assert report.lateness_ms.median == pytest.approx(49.5, abs=1)
 
 
-def test_decisions_tell_what_was_shown_meant_driven_and_held_back(report: RunReport) -> None:
+def test_decisions_tell_what_was_shown_meant_driven_and_held_back(report: RecordingReport) -> None:
     decisions = report.decisions
     assert (decisions.ticks, decisions.missing_ticks) == (500, 1)
     assert decisions.cues_shown == {"left": 1, "confirm": 1}
@@ -80,11 +80,11 @@ def test_decisions_tell_what_was_shown_meant_driven_and_held_back(report: RunRep
     assert decisions.stop_s == {"a person is near": pytest.approx(2.0)}
 
 
-def test_complaints_are_warnings_and_worse(report: RunReport) -> None:
+def test_complaints_are_warnings_and_worse(report: RecordingReport) -> None:
     assert report.complaints == ("tim571: no answer",)
 
 
-def test_the_report_is_one_line_of_json(report: RunReport) -> None:
+def test_the_report_is_one_line_of_json(report: RecordingReport) -> None:
     text = report.to_json()
     assert "\n" not in text
     assert json.loads(text)["decisions"]["distance_m"] == pytest.approx(5.0)

@@ -115,7 +115,7 @@ def until() -> Until:
 
     async def wait(condition: Callable[[], bool]) -> None:
         async with asyncio.timeout(10):
-            while not condition():  # noqa: ASYNC110 - conditions of any kind, sockets included
+            while not condition():
                 await asyncio.sleep(0.005)
 
     return wait
