@@ -29,6 +29,8 @@ VIEW_M = 8.0
 """Beyond, a human judges no distances in a 2K panorama (5 pixels per degree)."""
 RECOGNISED_M = 6.0
 """A backpack 6 m away is 17 x 23 pixels; further away nobody knows it for one."""
+MARKED_M = 10.0
+"""Unless it is pointed out: who is told that these 10 x 14 pixels are it can say whether they may be."""
 OVER_M = 1.0
 """The camera looks over what is lower than this, as desks and sofas, into the room behind."""
 
@@ -74,16 +76,20 @@ class Eyes:
         step = math.tau / LOOKS_PER_TURN
         self._yaws = -math.pi + step * np.arange(LOOKS_PER_TURN, dtype=np.float64)
 
-    def look(self, pose: Pose2, head_yaw: float, fov: float) -> View:
-        """What is visible from the robot's camera with the head at `head_yaw` (base frame) and a field of `fov`."""
+    def look(self, pose: Pose2, head_yaw: float, fov: float, *, marked: bool = False) -> View:
+        """What is visible from the robot's camera with the head at `head_yaw` (base frame) and a field of `fov`.
+
+        `marked`: the page points the target out, as it does with a confirm.
+        """
         floor = np.minimum(self._world.ranges(pose.x, pose.y, self._yaws), VIEW_M)
         space = np.minimum(self._hiding.ranges(pose.x, pose.y, self._yaws), VIEW_M)
-        return View(pose, self._yaws, floor, space, self._target_yaw(pose, pose.yaw + head_yaw, fov))
+        reach = MARKED_M if marked else RECOGNISED_M
+        return View(pose, self._yaws, floor, space, self._target_yaw(pose, pose.yaw + head_yaw, fov, reach))
 
-    def _target_yaw(self, pose: Pose2, gaze: float, fov: float) -> float | None:
+    def _target_yaw(self, pose: Pose2, gaze: float, fov: float, reach: float) -> float | None:
         dx, dy = self._target.x - pose.x, self._target.y - pose.y
         yaw = math.atan2(dy, dx)
-        if math.hypot(dx, dy) > RECOGNISED_M or abs(math.remainder(yaw - gaze, math.tau)) > fov / 2:
+        if math.hypot(dx, dy) > reach or abs(math.remainder(yaw - gaze, math.tau)) > fov / 2:
             return None
         eye = np.array([[pose.x, pose.y, CAMERA_HEIGHT_M]])
         return yaw if any(self._rest.sees(eye, aim)[0] for aim in self._aims) else None

@@ -48,8 +48,9 @@ class OperatorDesk:
 
     def step(self, pose: Pose2, now_ns: int) -> OperatorInput:
         """Look at the picture taken from `pose`, act, and say what the page sends."""
-        view = self._eyes.look(pose, self._head_yaw, self._state.temper.fov)
         status = self._status
+        marked = status.cue == Cue.CONFIRM.value
+        view = self._eyes.look(pose, self._head_yaw, self._state.temper.fov, marked=marked)
         silent = now_ns - self._heard_ns > STATUS_LOST_NS
         sight = Sight(view, Cue(status.cue), status.armed, status.ready, status.trouble or silent)
         self._state, message = virtual_operator.step(self._state, sight, now_ns)
