@@ -16,7 +16,7 @@ lint: $(VENV)/.installed
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-# Ten searches in each world through the whole stack, in real time: about half an hour.
+# Ten searches through all wires in real time, many more in simulated time: about twenty minutes.
 campaign: $(VENV)/.installed
 	$(BIN)/pytest -m campaign --timeout=3600
 
