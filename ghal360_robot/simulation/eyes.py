@@ -83,16 +83,18 @@ class Eyes:
         """
         floor = np.minimum(self._world.ranges(pose.x, pose.y, self._yaws), VIEW_M)
         space = np.minimum(self._hiding.ranges(pose.x, pose.y, self._yaws), VIEW_M)
-        reach = MARKED_M if marked else RECOGNISED_M
-        return View(pose, self._yaws, floor, space, self._target_yaw(pose, pose.yaw + head_yaw, fov, reach))
+        return View(pose, self._yaws, floor, space, self._target_yaw(pose, pose.yaw + head_yaw, fov, marked=marked))
 
-    def _target_yaw(self, pose: Pose2, gaze: float, fov: float, reach: float) -> float | None:
+    def _target_yaw(self, pose: Pose2, gaze: float, fov: float, *, marked: bool) -> float | None:
         dx, dy = self._target.x - pose.x, self._target.y - pose.y
         yaw = math.atan2(dy, dx)
+        reach = MARKED_M if marked else RECOGNISED_M
         if math.hypot(dx, dy) > reach or abs(math.remainder(yaw - gaze, math.tau)) > fov / 2:
             return None
         eye = np.array([[pose.x, pose.y, CAMERA_HEIGHT_M]])
-        return yaw if any(self._rest.sees(eye, aim)[0] for aim in self._aims) else None
+        # Chairs and table legs are solid here and full of gaps in the picture: a piece that is pointed out is enough.
+        hiding = self._hiding if marked else self._rest
+        return yaw if any(hiding.sees(eye, aim)[0] for aim in self._aims) else None
 
 
 def _aims(item: WorldObject) -> tuple[tuple[float, float, float], ...]:
