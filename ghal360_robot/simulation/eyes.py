@@ -68,8 +68,10 @@ class Eyes:
     def __init__(self, world: World) -> None:
         self._world = world
         self._target = world.target_object()
-        hiding = (item for item in world.objects if item.z <= OVER_M <= item.top)
+        hiding = [item for item in world.objects if item.z <= OVER_M <= item.top]
         self._hiding = Shapes.of(hiding, world.plan.wall_boxes(), CEILING_M)
+        tall = (item for item in hiding if item is not self._target)
+        self._tall = Shapes.of(tall, world.plan.wall_boxes(), CEILING_M)
         rest = (item for item in world.objects if item is not self._target)
         self._rest = Shapes.of(rest, world.plan.wall_boxes(), CEILING_M)
         self._aims = _aims(self._target)
@@ -93,7 +95,7 @@ class Eyes:
             return None
         eye = np.array([[pose.x, pose.y, CAMERA_HEIGHT_M]])
         # Chairs and table legs are solid here and full of gaps in the picture: a piece that is pointed out is enough.
-        hiding = self._hiding if marked else self._rest
+        hiding = self._tall if marked else self._rest
         return yaw if any(hiding.sees(eye, aim)[0] for aim in self._aims) else None
 
 
