@@ -75,6 +75,12 @@ class BaseState:
     battery_percent: float
     faults: tuple[str, ...] = ()
     """Latched faults in words; empty when healthy."""
+    temperature_degc: float | None = None
+    """The hottest of its batteries; None where the base does not say."""
+    covariance: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    """Of `pose` since connection: xx, xy, x yaw, yy, y yaw, yaw yaw (m^2, m rad, rad^2)."""
+    warnings: tuple[str, ...] = ()
+    """What is odd about its motion, in words: a wheel slips, the base does not follow its commands."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,6 +148,36 @@ class OperatorInput:
     disarm_presses: int = 0
     estop_presses: int = 0
     found_presses: int = 0
+    holder: str = ""
+    """Who sends this; has to be the holder of the lease for anything but a stop."""
+    latency_s: float = 0.0
+    """Measured round trip between robot and operator; 0 where both are the same machine."""
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A velocity somebody asks for; `source` is one of the mux's (teleop, autonomy, test)."""
+
+    source: str
+    stamp_ns: int
+    twist: Twist
+
+
+@dataclass(frozen=True, slots=True)
+class Lock:
+    """Holds back every source of lower priority while `engaged`, or while its publisher is silent."""
+
+    name: str
+    stamp_ns: int
+    engaged: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Lease:
+    """Who may drive; renewed by its holder, void when it grows old."""
+
+    holder: str
+    stamp_ns: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,6 +220,10 @@ class Inputs:
     """Keys: `theta`, `tim571`, `rmp110`, `operator`."""
     armed: bool = False
     """Whether the safety chain let motion through on the tick before."""
+    commands: tuple[Command, ...] = ()
+    """Velocities asked for by others than the brain; the newest of each source."""
+    locks: tuple[Lock, ...] = ()
+    lease: Lease | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,3 +253,5 @@ class Applied:
     reasons: tuple[str, ...]
     clearance_m: float | None = None
     """Free distance in the direction of motion, from the last scan."""
+    source: str = ""
+    """Whose command it is; empty while nobody's was taken."""
