@@ -68,13 +68,16 @@ class ControlLoop:
         """Tick until `stop` is set. The schedule is absolute: a late tick does not delay the next ones."""
         period_ns = round(1e9 / self.rate_hz)
         due_ns = time.monotonic_ns() + period_ns
-        while not stop.is_set():
-            await _sleep_until(due_ns)
-            late_ns = time.monotonic_ns() - due_ns
-            self.tick(late_ns / 1e6)
-            missed = (time.monotonic_ns() - due_ns) // period_ns
-            self._say_skipped(int(missed), late_ns / 1e6)
-            due_ns += (missed + 1) * period_ns
+        try:
+            while not stop.is_set():
+                await _sleep_until(due_ns)
+                late_ns = time.monotonic_ns() - due_ns
+                self.tick(late_ns / 1e6)
+                missed = (time.monotonic_ns() - due_ns) // period_ns
+                self._count_skipped(int(missed), late_ns / 1e6)
+                due_ns += (missed + 1) * period_ns
+        finally:
+            self._say_skipped()
 
     def tick(self, late_ms: float) -> None:
         """One turn: snapshot, brain, safety, base; everything else after the command is out."""
@@ -94,11 +97,15 @@ class ControlLoop:
         if self.on_tick is not None:
             self.on_tick(inputs, decision, applied)
 
-    def _say_skipped(self, missed: int, late_ms: float) -> None:
+    def _count_skipped(self, missed: int, late_ms: float) -> None:
         """No tick is skipped silently; a bad second is one line, not fifty."""
         self.lateness.skipped += missed
         self._skipped = (self._skipped[0] + missed, max(self._skipped[1], late_ms if missed else 0.0))
-        if self._skipped[0] and time.monotonic_ns() - self._skipped_said_ns > SAY_NS:
+        if time.monotonic_ns() - self._skipped_said_ns > SAY_NS:
+            self._say_skipped()
+
+    def _say_skipped(self) -> None:
+        if self._skipped[0]:
             logger.warning("control loop: %d ticks skipped, the latest up to %.0f ms late", *self._skipped)
             self._skipped, self._skipped_said_ns = (0, 0.0), time.monotonic_ns()
 

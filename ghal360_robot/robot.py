@@ -227,7 +227,7 @@ class Robot:
                 "detector": self.config.perception.detector,
                 "policy": self.config.guidance.policy,
             },
-            config_toml=self.config.model_dump_json(indent=1),
+            config_json=self.config.model_dump_json(indent=1),
             mounts={
                 "lidar": Mount(lidar.x, lidar.y, lidar.z, lidar.yaw),
                 "theta": Mount(camera.x, camera.y, camera.z, camera.yaw),

@@ -13,14 +13,15 @@ from drivers.rmp110.device.rmp110 import STANDBY, TRACTOR, Rmp110
 from drivers.rmp110.device.state import LinkState
 from drivers.rmp110.errors import RmpError
 from drivers.rmp110.transport.can_bus import CanTransport
-from ghal360_robot.messages import STILL, ArmState, BaseMode, BaseState, LinkStats, Pose2, Twist
+from ghal360_robot.hardware.link_stats import link_stats
+from ghal360_robot.messages import STILL, ArmState, BaseMode, BaseState, Pose2, Twist
 
 if TYPE_CHECKING:
     from drivers.rmp110.device.state import State
     from ghal360_robot.board import Board
     from ghal360_robot.config import Rmp110Section, SafetySection
     from ghal360_robot.logbook.recorder import Recorder
-    from ghal360_robot.messages import Applied
+    from ghal360_robot.messages import Applied, LinkStats
 
 logger = logging.getLogger(__name__)
 
@@ -94,16 +95,7 @@ class BaseOutput:
 
     def stats(self) -> LinkStats:
         stats = self._base.stats
-        return LinkStats(
-            link=LINK_WORDS.get(stats.link, stats.link.value),
-            detail=stats.detail,
-            received=stats.received,
-            lost=stats.lost,
-            damaged=stats.damaged,
-            reconnects=stats.reconnects,
-            rate_hz=stats.rate_hz,
-            last_ns=stats.last_ns,
-        )
+        return link_stats(LINK_WORDS.get(stats.link, stats.link.value), stats)
 
     def _send(self, twist: Twist) -> None:
         try:

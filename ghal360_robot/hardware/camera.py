@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 
 from drivers.theta_v.device.camera import ThetaV
 from drivers.theta_v.device.config import Mode, ThetaConfig
-from drivers.theta_v.device.stats import Link
 from drivers.theta_v.transport.usbip import UsbIpTransport
 from ghal360_robot.errors import GhalError
-from ghal360_robot.messages import LinkStats
+from ghal360_robot.hardware.link_stats import link_stats
 
 if TYPE_CHECKING:
     from drivers.theta_v.codec.access_units import AccessUnit
     from ghal360_robot.config import ThetaSection
     from ghal360_robot.logbook.recorder import Recorder
+    from ghal360_robot.messages import LinkStats
     from ghal360_robot.perception.decode import PictureDecoder
 
 NO_USB = (
@@ -55,16 +55,7 @@ class CameraInput:
 
     def stats(self) -> LinkStats:
         stats = self._camera.stats
-        return LinkStats(
-            link=stats.link.value,
-            detail="" if stats.link is Link.STREAMING else stats.detail,
-            received=stats.received,
-            lost=stats.lost,
-            damaged=stats.damaged,
-            reconnects=stats.reconnects,
-            rate_hz=stats.rate_hz,
-            last_ns=stats.last_ns,
-        )
+        return link_stats(stats.link.value, stats)
 
     def _record(self, unit: AccessUnit) -> None:
         self._recorder.access_unit(unit.stamp_ns, unit.raw, unit.sequence, unit.keyframe, unit.tainted)

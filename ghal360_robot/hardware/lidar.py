@@ -8,15 +8,16 @@ from typing import TYPE_CHECKING
 from drivers.tim571.codec.dialect import Dialect
 from drivers.tim571.device.config import TimConfig
 from drivers.tim571.device.lidar import TiM571
-from drivers.tim571.device.stats import LinkState
 from drivers.tim571.transport.tcp import TcpTransport
-from ghal360_robot.messages import LidarScan, LinkStats
+from ghal360_robot.hardware.link_stats import link_stats
+from ghal360_robot.messages import LidarScan
 
 if TYPE_CHECKING:
     from drivers.tim571.device.scan import Scan
     from ghal360_robot.board import Board
     from ghal360_robot.config import Tim571Section
     from ghal360_robot.logbook.recorder import Recorder
+    from ghal360_robot.messages import LinkStats
 
 DIALECTS = {"auto": None, "a": Dialect.A, "b": Dialect.B}
 
@@ -46,16 +47,7 @@ class LidarInput:
 
     def stats(self) -> LinkStats:
         stats = self._lidar.stats
-        return LinkStats(
-            link=stats.state.value,
-            detail="" if stats.state is LinkState.STREAMING else stats.detail,
-            received=stats.received,
-            lost=stats.lost,
-            damaged=stats.damaged,
-            reconnects=stats.reconnects,
-            rate_hz=stats.rate_hz,
-            last_ns=stats.last_ns,
-        )
+        return link_stats(stats.state.value, stats)
 
 
 def lidar_scan(scan: Scan) -> LidarScan:

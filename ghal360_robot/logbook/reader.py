@@ -60,7 +60,7 @@ class RunReader:
             raise RecordingNotReadableError(" ".join(self._unreadable))
         self.properties: dict[str, str] = {}
         self.run_id = ""
-        self.config_toml = ""
+        self.config_json = ""
         self.anchor = self._read_properties()
 
     def __enter__(self) -> Self:
@@ -246,7 +246,7 @@ class RunReader:
             for chunk in part.chunks(RUN_PROPERTY):
                 for row in chunk_rows(chunk):
                     self.run_id = row.values["Run:run_id"][0]
-                    self.config_toml = row.values.get("Run:config_toml", [""])[0]
+                    self.config_json = row.values.get("Run:config_json", [""])[0]
                     anchor = Anchor(int(row.values["Run:monotonic_ns"][0]), int(row.values["Run:wall_ns"][0]))
             for chunk in part.chunks(ROBOT_PROPERTY):
                 for row in chunk_rows(chunk):

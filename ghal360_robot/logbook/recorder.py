@@ -80,7 +80,7 @@ class Recorder:
         run_id: str | None = None,
         application_id: str = "ghal360",
         properties: Mapping[str, str],
-        config_toml: str,
+        config_json: str,
         mounts: Mapping[str, Mount] | None = None,
         max_bytes: int = MAX_BYTES,
         max_entries: int = MAX_ENTRIES,
@@ -89,7 +89,7 @@ class Recorder:
         if mounts is None:
             mounts = {"lidar": Mount(), "theta": Mount()}
         self.run_id = run_id or run_folder.new_run_id(self.anchor.wall_ns)
-        run = Run(self.run_id, self.anchor, config_toml, dict(properties), dict(mounts))
+        run = Run(self.run_id, self.anchor, config_json, dict(properties), dict(mounts))
         self.folder = run_folder.create(directory, run)
         self._camera_yaw = mounts["theta"].yaw if "theta" in mounts else 0.0
         self._part = PartFile(self.folder, application_id, run)

@@ -54,8 +54,8 @@ def _meta(run: Run) -> dict[str, object]:
         "started": datetime.fromtimestamp(run.anchor.wall_ns / 1e9, UTC).isoformat(),
         "anchor": {"monotonic_ns": run.anchor.monotonic_ns, "wall_ns": run.anchor.wall_ns},
         "versions": {"python": platform.python_version(), **_versions()},
-        "config_sha256": hashlib.sha256(run.config_toml.encode()).hexdigest(),
-        "config_toml": run.config_toml,
+        "config_sha256": hashlib.sha256(run.config_json.encode()).hexdigest(),
+        "config_json": run.config_json,
         "properties": dict(run.properties),
         "mounts": {name: {"x": m.x, "y": m.y, "z": m.z, "yaw": m.yaw} for name, m in run.mounts.items()},
     }

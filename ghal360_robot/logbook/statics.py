@@ -68,7 +68,7 @@ class Run:
 
     run_id: str
     anchor: Anchor
-    config_toml: str
+    config_json: str
     properties: Mapping[str, str]
     mounts: Mapping[str, Mount]
 
@@ -83,7 +83,7 @@ def log_statics(stream: rr.RecordingStream, run: Run) -> None:
             "Run",
             components={
                 "run_id": [run.run_id],
-                "config_toml": [run.config_toml],
+                "config_json": [run.config_json],
                 "monotonic_ns": [run.anchor.monotonic_ns],
                 "wall_ns": [run.anchor.wall_ns],
             },

@@ -8,9 +8,8 @@ everything up to the next clean IDR is tainted here).
 from __future__ import annotations
 
 import logging
-import threading
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 import av
 import numpy as np
@@ -19,6 +18,7 @@ from av.video.reformatter import Interpolation, VideoReformatter
 
 from ghal360_robot.perception.backlog import AccessUnit, Backlog, access_unit
 from ghal360_robot.perception.sphere import PictureSize
+from ghal360_robot.perception.worker import Worker
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -90,44 +90,22 @@ class DecoderStats:
     consumer_failures: int = 0
 
 
-class PictureDecoder:
+class PictureDecoder(Worker):
     """Decodes on its own thread and hands every picture to `on_picture`, on that thread.
 
     Use as a context manager, or `start` and `close`. `submit` never blocks and never raises for bad data.
     """
 
     def __init__(self, on_picture: Callable[[Picture], None], *, queue_units: int = QUEUE_UNITS) -> None:
+        super().__init__("decode", CLOSE_TIMEOUT_S)
         self._on_picture = on_picture
         self._backlog = Backlog(queue_units)
-        self._changed = threading.Condition()
-        self._closing = False
-        self._thread = threading.Thread(target=self._run, name="decode", daemon=True)
         self._decoder = _new_decoder()
         self._in_decoder: dict[int, _Origin] = {}
         self._tainted = True
         self._last_number = -1
         self._received = self._decoded = self._decoded_tainted = 0
         self._undecodable = self._oversized = self._consumer_failures = 0
-
-    def __enter__(self) -> Self:
-        self.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def start(self) -> None:
-        self._thread.start()
-
-    def close(self) -> None:
-        """End the thread; what still waits is not decoded."""
-        with self._changed:
-            self._closing = True
-            self._changed.notify_all()
-        if self._thread.is_alive() and self._thread is not threading.current_thread():
-            self._thread.join(CLOSE_TIMEOUT_S)
-            if self._thread.is_alive():
-                log.error("The picture decoder does not end; it is left behind and dies with the process.")
 
     def submit(self, data: bytes, stamp_ns: int, *, tainted: bool = False) -> None:
         """Queue one access unit (Annex B); `tainted` as the camera's driver judged it."""

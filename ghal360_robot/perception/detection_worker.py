@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import logging
-import threading
 import time
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 from ghal360_robot.perception.panorama import around_robot
+from ghal360_robot.perception.worker import Worker
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -39,7 +39,7 @@ class DetectionStats:
     last_duration_s: float = 0.0
 
 
-class DetectionWorker:
+class DetectionWorker(Worker):
     """Searches the newest picture offered and hands what it found to `on_detections`, on its own thread.
 
     `offer` never blocks. Detections carry the stamp of their picture. Use as a context manager.
@@ -56,37 +56,15 @@ class DetectionWorker:
     ) -> None:
         if rate_hz <= 0:
             raise ValueError(f"The detection rate must be above zero, not {rate_hz} Hz.")
+        super().__init__("detect", CLOSE_TIMEOUT_S)
         self._detector = detector
         self._on_detections = on_detections
         self._period_ns = round(1e9 / rate_hz)
         self._camera_yaw = camera_yaw
         self._clock_ns = clock_ns
-        self._changed = threading.Condition()
         self._newest: Picture | None = None
         self._next_ns = 0
-        self._closing = False
         self._stats = DetectionStats()
-        self._thread = threading.Thread(target=self._run, name="detect", daemon=True)
-
-    def __enter__(self) -> Self:
-        self.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def start(self) -> None:
-        self._thread.start()
-
-    def close(self) -> None:
-        """End the thread after the picture it is at."""
-        with self._changed:
-            self._closing = True
-            self._changed.notify_all()
-        if self._thread.is_alive() and self._thread is not threading.current_thread():
-            self._thread.join(CLOSE_TIMEOUT_S)
-            if self._thread.is_alive():
-                log.warning("The detector is still busy with a picture; it is left behind.")
 
     def offer(self, picture: Picture) -> None:
         """Make this the picture to search next; call from any thread."""

@@ -22,6 +22,6 @@ def strict_rerun() -> Iterator[None]:
 
 @pytest.fixture
 def recorder(tmp_path: Path) -> Iterator[Recorder]:
-    recording = Recorder(tmp_path, properties={"robot": "test"}, config_toml='name = "test"\n')
+    recording = Recorder(tmp_path, properties={"robot": "test"}, config_json='name = "test"\n')
     yield recording
     recording.close()

@@ -24,7 +24,7 @@ SECOND = 1_000_000_000
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> RecordingReport:
     """Ten seconds: 50 ticks/s with one missing, 10 pictures/s with a gap, held back by a person for 2 s."""
-    recorder = Recorder(tmp_path_factory.mktemp("runs"), properties={"robot": "7"}, config_toml="")
+    recorder = Recorder(tmp_path_factory.mktemp("runs"), properties={"robot": "7"}, config_json="")
     for k in range(501):
         stamp = T0 + k * robot.TICK_NS
         base = BaseState(stamp - 4_000_000, BaseMode.DRIVE, Pose2(k * 0.01, 0, 0), Twist(0.5, 0), 80)
@@ -91,7 +91,7 @@ def test_the_report_is_one_line_of_json(report: RecordingReport) -> None:
 
 
 def test_an_empty_recording_has_a_report_too(tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path, properties={}, config_toml="")
+    recorder = Recorder(tmp_path, properties={}, config_json="")
     recorder.close()
     report = inspect_run(recorder.folder)
     assert (report.duration_s, report.entities, report.decisions.ticks) == (0.0, (), 0)

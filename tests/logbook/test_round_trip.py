@@ -215,7 +215,7 @@ def test_a_closed_recording_has_a_footer_a_layout_and_says_what_it_is(tmp_path: 
     recorder = Recorder(
         tmp_path,
         properties={"robot": "nr 7", "git": "abc"},
-        config_toml="speed = 0.3\n",
+        config_json="speed = 0.3\n",
         mounts={"lidar": Mount(0.2, 0.0, 0.3, 0.1), "theta": Mount(z=1.2)},
     )
     recorder.text(T0, "loop", "INFO", "hello")
@@ -228,7 +228,7 @@ def test_a_closed_recording_has_a_footer_a_layout_and_says_what_it_is(tmp_path: 
     assert meta["config_sha256"] == hashlib.sha256(b"speed = 0.3\n").hexdigest()
     with RunReader(recorder.folder / "part-000.rrd") as reader:
         assert reader.properties == {"robot": "nr 7", "git": "abc"}
-        assert (reader.run_id, reader.config_toml) == (recorder.run_id, "speed = 0.3\n")
+        assert (reader.run_id, reader.config_json) == (recorder.run_id, "speed = 0.3\n")
         assert reader.anchor == recorder.anchor
         assert reader.damage == []
 
@@ -243,7 +243,7 @@ def test_closing_twice_and_logging_afterwards_is_harmless(recorder: Recorder, se
 
 
 def test_a_box_over_the_seam_is_drawn_on_both_sides_and_stays_one_object(tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path, properties={}, config_toml="", mounts={"theta": Mount(yaw=math.pi / 2)})
+    recorder = Recorder(tmp_path, properties={}, config_json="", mounts={"theta": Mount(yaw=math.pi / 2)})
     behind_the_camera = Detection("person", 0.9, -math.pi / 2, 0.0, math.pi / 4, math.pi / 4)
     ahead_of_it = Detection("person", 0.8, math.pi / 2, math.pi / 4, math.pi / 4, math.pi / 4)
     found = Detections(T0, 1, "painted", (behind_the_camera, ahead_of_it))

@@ -75,7 +75,7 @@ def test_without_video_to_drop_the_newest_goes_and_is_counted() -> None:
 
 
 def test_an_overflow_is_counted_and_told_in_the_log(tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path, properties={}, config_toml="", max_bytes=200_000)
+    recorder = Recorder(tmp_path, properties={}, config_json="", max_bytes=200_000)
     for k in range(40):
         recorder.access_unit(T0 + k, bytes(20_000), k, True, False)
         recorder.lidar_telegram(T0 + k, b"telegram")
@@ -145,18 +145,18 @@ def test_a_row_that_cannot_be_logged_is_told_and_stops_nothing_else(
 def test_a_bad_directory_is_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(LogbookError, match="make that folder writable or choose another") as caught:
-        Recorder(tmp_path / "file", properties={}, config_toml="")
+        Recorder(tmp_path / "file", properties={}, config_json="")
     assert isinstance(caught.value, OSError)
 
 
 def test_a_run_is_never_written_over(tmp_path: Path) -> None:
-    Recorder(tmp_path, run_id="one", properties={}, config_toml="").close()
+    Recorder(tmp_path, run_id="one", properties={}, config_json="").close()
     with pytest.raises(LogbookError, match="already"):
-        Recorder(tmp_path, run_id="one", properties={}, config_toml="")
+        Recorder(tmp_path, run_id="one", properties={}, config_json="")
 
 
 def test_closing_takes_no_longer_than_it_may(tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path, properties={}, config_toml="")
+    recorder = Recorder(tmp_path, properties={}, config_json="")
     stuck = threading.Event()
     recorder._mailbox.put(Entry("log/test", lambda: [] * stuck.wait(20)))
     begin = time.monotonic()
@@ -167,7 +167,7 @@ def test_closing_takes_no_longer_than_it_may(tmp_path: Path) -> None:
 
 
 def test_a_backlog_is_given_up_for_the_sake_of_the_footer(tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path, properties={}, config_toml="")
+    recorder = Recorder(tmp_path, properties={}, config_json="")
 
     def slowly() -> list[object]:
         time.sleep(0.02)
@@ -190,7 +190,7 @@ from pathlib import Path
 from ghal360_robot.logbook.recorder import Recorder
 from tests.logbook import robot
 
-recorder = Recorder(Path(sys.argv[1]), run_id="run", properties={}, config_toml="")
+recorder = Recorder(Path(sys.argv[1]), run_id="run", properties={}, config_json="")
 tick = 0
 begin = time.monotonic()
 while time.monotonic() - begin < 30:
@@ -232,7 +232,7 @@ def test_a_killed_process_leaves_a_readable_recording_that_lacks_only_its_last_m
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """A closed recording with a chunk for each of twelve access units of 60 kB."""
-    recorder = Recorder(tmp_path_factory.mktemp("whole"), properties={"robot": "7"}, config_toml="")
+    recorder = Recorder(tmp_path_factory.mktemp("whole"), properties={"robot": "7"}, config_json="")
     for k in range(12):
         recorder.access_unit(T0 + k, os.urandom(60_000), k, True, False)
         robot.wait_for(lambda k=k: recorder.stats.written > k)  # type: ignore[misc]
@@ -293,7 +293,7 @@ from tests.logbook import robot
 
 # A limit on the size of files stands in for a full disk: writes fail until it is lifted.
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-recorder = Recorder(Path(sys.argv[1]), run_id="run", properties={}, config_toml="")
+recorder = Recorder(Path(sys.argv[1]), run_id="run", properties={}, config_json="")
 recorder.text(time.monotonic_ns(), "test", "INFO", "before")
 robot.wait_for(lambda: recorder.stats.written == 1)
 resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, resource.RLIM_INFINITY))
