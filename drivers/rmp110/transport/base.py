@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Protocol
 
 from drivers.rmp110.codec.frames import Frame
@@ -11,6 +12,39 @@ FrameSink = Callable[[int, Frame], None]
 """Called in the event loop with the stamp of reception (`time.monotonic_ns`) and a standard data frame."""
 LossSink = Callable[[str], None]
 """Called once in the event loop, with the reason, when the bus is no longer usable."""
+WarningSink = Callable[[str], None]
+"""Called in the event loop with a sentence when the bus still works and is in trouble."""
+
+
+@dataclass(slots=True)
+class BusErrors:
+    """Error frames of the CAN controller, by what they said; one frame may count several times."""
+
+    frames: int = 0
+    warning: int = 0
+    """More than 96 errors counted in one direction."""
+    passive: int = 0
+    """More than 127: the controller no longer objects to damaged frames."""
+    bus_off: int = 0
+    """More than 255 transmit errors: the controller left the bus."""
+    restarted: int = 0
+    no_ack: int = 0
+    overflow: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class TransportStats:
+    """What went over one transport since it was opened."""
+
+    received: int = 0
+    sent: int = 0
+    dropped: int = 0
+    """Frames that the bus did not take; they are gone."""
+    damaged: int = 0
+    """Received things that no RMP sends."""
+    overflowed: int = 0
+    """Received frames lost because the event loop did not keep up; also part of `damaged`."""
+    errors: BusErrors = field(default_factory=BusErrors)
 
 
 class Transport(Protocol):
@@ -20,7 +54,7 @@ class Transport(Protocol):
         """Open the bus and start handing over frames. Raises RmpInterfaceError with one clear sentence."""
 
     def send(self, frame: Frame) -> None:
-        """Put one frame on the wire now, or not at all: nothing is queued.
+        """Put one frame on the wire now, or not at all: nothing is queued. May be called from any thread.
 
         Raises RmpForbiddenFrame (never sent), RmpSendDropped (the bus is full), RmpLinkError (bus gone).
         """

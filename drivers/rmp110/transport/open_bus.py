@@ -16,13 +16,26 @@ FILTERS: tuple[CanFilter, ...] = ({"can_id": FILTER_ID, "can_mask": FILTER_MASK,
 
 
 def open_bus(interface: str, channel: str, options: dict[str, Any]) -> can.BusABC:
-    """A bus that receives 0x500..0x57F only. Blocks. Raises RmpInterfaceError."""
+    """A bus that receives at least 0x500..0x57F, and error frames. Blocks. Raises RmpInterfaceError.
+
+    Only the kernel filters: it passes error frames by a mask of their own, which python-can opens. Filters that
+    python-can applies itself would hold error frames back, because their ids are no ids of the base.
+    """
     try:
-        if interface == "socketcand":
-            return SocketcandBus(channel, can_filters=FILTERS, **options)
-        return can.Bus(channel, interface, can_filters=FILTERS, ignore_config=True, **options)
+        return _open(interface, channel, options)
     except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
         raise RmpInterfaceError(_sentence(interface, channel, options, error)) from error
+
+
+def _open(interface: str, channel: str, options: dict[str, Any]) -> can.BusABC:
+    if interface == "socketcand":
+        return SocketcandBus(channel, **options)
+    filters = FILTERS if interface == "socketcan" else None
+    bus = can.Bus(channel, interface, can_filters=filters, ignore_config=True, **options)
+    if filters and not getattr(bus, "_is_filtered", True):
+        # The kernel refused the filter and python-can would filter instead.
+        bus.set_filters(None)
+    return bus
 
 
 def _sentence(interface: str, channel: str, options: dict[str, Any], error: Exception) -> str:

@@ -17,6 +17,8 @@ POLL_S = 0.02
 """How long a wait for frames may outlast `stop`."""
 JOIN_S = 2.0
 """A reader that is not out of its wait by then hangs in a kernel call and is left behind (it is a daemon)."""
+HOLLOW = 100
+"""Waits in a row that returned at once and empty-handed: the bus behind them is closed."""
 BACKLOG = 8192
 """Frames kept while the loop is busy: about one second of a full 1 Mbit/s bus. The oldest go first."""
 
@@ -55,9 +57,15 @@ class BusReader:
             await asyncio.to_thread(self._thread.join, JOIN_S)
 
     def _run(self) -> None:
+        hollow = 0
         while not self._stop.is_set():
+            began = time.monotonic()
             try:
                 message = self._bus.recv(POLL_S)
+                # Some of python-can's backends answer a closed bus with nothing, at once and for ever.
+                hollow = hollow + 1 if message is None and time.monotonic() - began < POLL_S / 10 else 0
+                if hollow >= HOLLOW:
+                    raise can.CanOperationError("the bus is closed")  # noqa: TRY301 - reported like any other
             except Exception as error:  # noqa: BLE001 - backends raise anything; a dead reader must be reported
                 self._call(self._report, error)
                 return

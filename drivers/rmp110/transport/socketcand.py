@@ -10,10 +10,10 @@ from __future__ import annotations
 import errno
 import select
 import socket
+import time
 from collections import deque
 
 import can
-from can.typechecking import CanFilters
 
 from drivers.rmp110.transport.socketcand_text import TextSplitter, format_send, parse_frame
 
@@ -21,6 +21,8 @@ CONNECT_TIMEOUT_S = 2.0
 """A server on the robot or in its network answers within milliseconds."""
 SEND_BUFFER_BYTES = 4096
 """About a hundred frames: behind a server that no longer reads, motion must not pile up in the kernel."""
+UNHEARD_MS = 2000
+"""A server that acknowledges nothing for so long is gone, though nobody closed the connection."""
 CHUNK_BYTES = 65536
 
 
@@ -35,17 +37,18 @@ class SocketcandBus(can.BusABC):
         channel: str,
         host: str,
         port: int,
-        can_filters: CanFilters | None = None,
         connect_timeout_s: float = CONNECT_TIMEOUT_S,
     ) -> None:
         self.channel_info = f"socketcand {channel} at {host}:{port}"
         self._splitter = TextSplitter()
         self._texts: deque[str] = deque()
         self._unsent = b""
+        self._deadline = time.monotonic() + connect_timeout_s
         self._socket = socket.create_connection((host, port), connect_timeout_s)
         try:
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
+            self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, UNHEARD_MS)
             self._expect("hi")
             self._socket.sendall(f"< open {channel} >".encode("ascii"))
             self._expect("ok")
@@ -54,7 +57,7 @@ class SocketcandBus(can.BusABC):
             self._socket.setblocking(False)
             self._readable = select.poll()
             self._readable.register(self._socket, select.POLLIN)
-            super().__init__(channel=channel, can_filters=can_filters)
+            super().__init__(channel=channel)
         except BaseException:
             self._socket.close()
             # The base class warns about buses that were never shut down; this one never opened.
@@ -63,6 +66,8 @@ class SocketcandBus(can.BusABC):
 
     def _expect(self, answer: str) -> None:
         while not self._texts:
+            # One deadline for the whole handshake: a server that drips bytes does not hold us.
+            self._socket.settimeout(max(0.001, self._deadline - time.monotonic()))
             data = self._socket.recv(CHUNK_BYTES)
             if not data:
                 raise can.CanInitializationError("the server closed the connection during the handshake")

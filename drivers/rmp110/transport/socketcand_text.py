@@ -59,10 +59,15 @@ def format_frame(message: can.Message) -> bytes:
     return f"< frame {_id(message)} {message.timestamp:.6f} {message.data.hex().upper()} >".encode("ascii")
 
 
+def format_error(can_id: int, timestamp: float) -> bytes:
+    """An error frame from server to client: its classes, without details."""
+    return f"< error {can_id & 0x1FFFFFFF:03X} {timestamp:.6f} >".encode("ascii")
+
+
 def parse_frame(text: str) -> can.Message | None:
     """The frame of a `frame` or `error` message; None where it is none."""
     parts = text.split()
-    if len(parts) >= 2 and parts[0] == "error" and _is_hex(parts[1]):
+    if len(parts) == 3 and parts[0] == "error" and _is_hex(parts[1]) and _is_time(parts[2]):
         return can.Message(arbitration_id=int(parts[1], 16) & 0x1FFFFFFF, is_error_frame=True, is_extended_id=True)
     if len(parts) < 3 or parts[0] != "frame":
         return None
@@ -79,6 +84,12 @@ def _id(message: can.Message) -> str:
 
 def _is_hex(text: str) -> bool:
     return 0 < len(text) <= 8 and all(character in "0123456789abcdefABCDEF" for character in text)
+
+
+def _is_time(text: str) -> bool:
+    """Seconds with a decimal point; words of an error message are none."""
+    seconds, point, fraction = text.partition(".")
+    return bool(point) and seconds.isdigit() and fraction.isdigit()
 
 
 def _message(can_id: str, data: bytes) -> can.Message | None:

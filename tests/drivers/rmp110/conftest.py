@@ -9,6 +9,7 @@ import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
@@ -19,6 +20,7 @@ from drivers.rmp110.device import identify
 from drivers.rmp110.simulator.faults import FaultPlan
 from drivers.rmp110.simulator.model import RmpModel
 from drivers.rmp110.simulator.serve import SimulatedRmp, serve
+from drivers.rmp110.transport import bus_lock
 
 _channels = itertools.count()
 BRISK = {**RMP110_STORED, "max_accel": 4.0, "max_decel": 4.0, "max_yaw_accel": 8.0}
@@ -34,10 +36,16 @@ class Rig:
     interface: str
     channel: str
 
-    def transport(self) -> CanTransport:
-        if self.interface == "socketcand":
-            return CanTransport("socketcand", self.channel, host="127.0.0.1", port=self.sim.port)
-        return CanTransport(self.interface, self.channel)
+    def transport(self, *, exclusive: bool = True) -> CanTransport:
+        """A way to the base; not `exclusive` for somebody who does not care who else drives."""
+        options = {"host": "127.0.0.1", "port": self.sim.port} if self.interface == "socketcand" else {}
+        return CanTransport(self.interface, self.channel, exclusive=exclusive, **options)  # type: ignore[arg-type]
+
+
+@pytest.fixture(autouse=True)
+def own_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Locks of this test only: other programs on this machine may use the same names."""
+    monkeypatch.setattr(bus_lock, "lock_directories", lambda: (tmp_path,))
 
 
 @asynccontextmanager

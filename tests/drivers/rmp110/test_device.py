@@ -310,7 +310,7 @@ async def test_somebody_else_commanding_takes_motion_away(
     async with rig(interface) as it, Rmp110(it.transport, config) as base:
         await base.ready(READY_S)
         await base.request_mode(TRACTOR)
-        other = it.transport()
+        other = it.transport(exclusive=False)
         await other.open(lambda _stamp, _frame: None, lambda _reason: None)
         try:
             other.send(motion(0.5, 0.0))
@@ -332,7 +332,7 @@ async def test_somebody_else_commanding_takes_motion_away(
 async def test_while_somebody_else_commands_nothing_is_sent(rig: Any, config: Rmp110Config, until: Any) -> None:
     tape = Tape()
     async with rig() as it:
-        other = it.transport()
+        other = it.transport(exclusive=False)
         await other.open(lambda _stamp, _frame: None, lambda _reason: None)
         try:
             commanding = asyncio.create_task(_command(other))

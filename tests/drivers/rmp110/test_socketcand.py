@@ -21,6 +21,7 @@ from drivers.rmp110.transport.socketcand import SocketcandBus
 from drivers.rmp110.transport.socketcand_text import (
     MAX_MESSAGE,
     TextSplitter,
+    format_error,
     format_frame,
     format_send,
     parse_frame,
@@ -72,6 +73,16 @@ def test_hostile_text_is_bounded_and_never_raises(chunks: list[bytes]) -> None:
 )
 def test_what_is_no_frame_gives_none(text: str) -> None:
     assert parse_frame(text) is None
+
+
+@pytest.mark.parametrize("can_id", [0x004, 0x040, 0x1FFFFFFF])
+def test_error_frames_are_told_from_error_messages(can_id: int) -> None:
+    message = parse_frame(format_error(can_id, 12.5).decode("ascii").strip("<> "))
+    assert message is not None
+    assert message.is_error_frame
+    assert message.arbitration_id == can_id
+    for text in ("error bad frame", "error 40", "error unknown command", "error bad 1.0.0"):
+        assert parse_frame(text) is None
 
 
 def test_frames_with_blanks_between_bytes_are_frames_too() -> None:
@@ -171,6 +182,37 @@ def test_a_peer_that_does_not_read_makes_send_fail_and_frames_stay_whole(bus: So
             sent += 1
     assert splitter.damaged == 0
     assert all(parse_send(text) is not None for text in received)
+
+
+def test_an_error_frame_comes_through(bus: SocketcandBus, peer: Peer) -> None:
+    assert bus.recv(1)
+    peer.accepted().sendall(format_error(0x040, 1.0))
+    message = bus.recv(1)
+    assert message is not None
+    assert (message.is_error_frame, message.arbitration_id) == (True, 0x040)
+
+
+def test_a_server_that_drips_its_greeting_does_not_hold_us() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        done = threading.Event()
+
+        def drip() -> None:
+            connection, _ = listener.accept()
+            with connection:
+                while not done.wait(0.05):
+                    try:
+                        connection.sendall(b"<")
+                    except OSError:
+                        return
+
+        thread = threading.Thread(target=drip)
+        thread.start()
+        started = time.monotonic()
+        with pytest.raises(TimeoutError):
+            SocketcandBus("can0", "127.0.0.1", listener.getsockname()[1], connect_timeout_s=0.3)
+        assert time.monotonic() - started < 1.5
+        done.set()
+        thread.join(5)
 
 
 def test_a_server_that_is_not_there_is_reported_quickly() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import errno
 import socket
+import threading
 import time
 from typing import Any
 
@@ -160,6 +161,147 @@ async def test_a_reader_that_dies_reports_why(
     assert len(ear.reasons) == 1
     assert reason in ear.reasons[0]
     await transport.close()
+
+
+async def test_error_frames_pass_pythons_own_filter_on_the_way_in(ear: Ear, until: Any) -> None:
+    transport = CanTransport("virtual", "error-frames")
+    await ear.open(transport)
+    other = can.Bus("error-frames", "virtual", ignore_config=True)
+    try:
+        for can_id in (0x004, 0x123, 0x502):
+            other.send(message(can_id, is_error_frame=can_id == 0x004))
+        await until(lambda: ear.frames)
+        assert [frame.can_id for _, frame in ear.frames] == [0x502], "other devices' traffic is nobody's business"
+        assert (transport.error_frames, transport.damaged, transport.stats.received) == (1, 0, 1)
+    finally:
+        other.shutdown()
+        await transport.close()
+
+
+async def test_error_passive_is_told_as_a_warning_and_the_bus_goes_on(bus: FakeBus, ear: Ear, until: Any) -> None:
+    warnings: list[str] = []
+    transport = CanTransport("socketcan", "can0", on_warning=warnings.append)
+    await ear.open(transport)
+    passive = message(0x004, bytes.fromhex("0020000000008000"), is_error_frame=True)
+    bus.script.extend([passive, passive, message(0x502)])
+    await until(lambda: ear.frames)
+    assert len(warnings) == 1
+    assert "error-passive (128 transmit" in warnings[0]
+    assert ear.reasons == []
+    transport.send(POLL)
+    assert (transport.stats.errors.passive, transport.stats.sent) == (2, 1)
+    await transport.close()
+
+
+@pytest.mark.parametrize("first", ["controller", "reader", "sender"])
+async def test_a_lost_bus_is_told_once_whoever_notices_first(first: str, bus: FakeBus, ear: Ear, until: Any) -> None:
+    transport = CanTransport("socketcan", "can0")
+    await ear.open(transport)
+    down = can.CanOperationError("Network is down", errno.ENETDOWN)
+    off = message(0x040, is_error_frame=True)
+    if first == "sender":
+        bus.send_error = down
+        with pytest.raises(RmpLinkError, match="is down"):
+            transport.send(POLL)
+        await until(lambda: ear.reasons)
+        bus.script.extend([off, off, down])
+    else:
+        bus.script.extend([off, off, down] if first == "controller" else [down])
+    await until(lambda: ear.reasons and not bus.script)
+    bus.send_error = down
+    for _ in range(3):
+        with pytest.raises(RmpLinkError, match="bus-off" if first == "controller" else "is down"):
+            transport.send(POLL)
+    await until(lambda: not transport._reader or not transport._reader._thread.is_alive())
+    await asyncio.sleep(0)
+    assert len(ear.reasons) == 1
+    await transport.close()
+    assert len(ear.reasons) == 1
+
+
+async def test_after_bus_off_nothing_reaches_the_queue_of_a_controller_that_may_restart(
+    bus: FakeBus, ear: Ear, until: Any
+) -> None:
+    transport = CanTransport("socketcan", "can0")
+    await ear.open(transport)
+    bus.script.append(message(0x040, is_error_frame=True))
+    await until(lambda: ear.reasons)
+    bus.script.append(message(0x100, is_error_frame=True))
+    await until(lambda: transport.stats.errors.restarted)
+    with pytest.raises(RmpLinkError, match="restart-ms 100"):
+        transport.send(motion(0.2, 0.0))
+    assert bus.sent == []
+    await transport.close()
+
+
+class ClosedBus(FakeBus):
+    """Answers like some of python-can's backends once they are closed: with nothing, at once."""
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        return None
+
+
+async def test_a_bus_that_is_closed_and_does_not_say_so_is_noticed(
+    monkeypatch: pytest.MonkeyPatch, ear: Ear, until: Any
+) -> None:
+    bus = ClosedBus()
+    monkeypatch.setattr(can_bus, "open_bus", lambda *_: bus)
+    transport = CanTransport("socketcan", "can0")
+    await ear.open(transport)
+    await until(lambda: ear.reasons)
+    assert ear.reasons == ["CAN interface can0 failed: the bus is closed"]
+    await transport.close()
+
+
+async def test_a_bus_shut_down_under_a_transport_is_reported_once(ear: Ear, until: Any) -> None:
+    transport = CanTransport("virtual", "shut-down-under")
+    await ear.open(transport)
+    assert transport._bus is not None
+    transport._bus.shutdown()
+    await until(lambda: ear.reasons)
+    assert len(ear.reasons) == 1
+    assert "closed bus" in ear.reasons[0]
+    await transport.close()
+
+
+async def test_any_thread_may_send_and_a_close_meanwhile_hurts_nobody(bus: FakeBus, ear: Ear) -> None:
+    transport = CanTransport("socketcan", "can0")
+    await ear.open(transport)
+    overlapping = 0
+    inside = threading.Lock()
+
+    def careful(msg: can.Message, timeout: float | None = None) -> None:
+        nonlocal overlapping
+        assert msg.arbitration_id == 0x501
+        assert timeout == 0, "no send waits"
+        if not inside.acquire(blocking=False):
+            overlapping += 1
+            return
+        time.sleep(0.0002)
+        inside.release()
+        assert not bus._is_shutdown
+
+    bus.send = careful  # type: ignore[method-assign]
+    ended: list[str] = []
+
+    def flood() -> None:
+        try:
+            while True:
+                transport.send(POLL)
+        except RmpLinkError as error:
+            ended.append(str(error))
+
+    threads = [threading.Thread(target=flood) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    while transport.stats.sent < 200:
+        await asyncio.sleep(0.005)
+    await transport.close()
+    for thread in threads:
+        thread.join(5)
+    assert overlapping == 0
+    assert ended == ["CAN interface can0 is not open"] * 4
+    assert ear.reasons == []
 
 
 async def test_bus_off_ends_the_link_and_other_error_frames_are_counted(bus: FakeBus, ear: Ear, until: Any) -> None:
