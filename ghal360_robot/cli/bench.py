@@ -1,0 +1,151 @@
+"""`ghal360 bench`: the robot's budgets, measured on this machine."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from ghal360_robot.bench import stop as stopping
+from ghal360_robot.bench import tick as ticking
+from ghal360_robot.errors import GhalError, UsageError
+
+app = typer.Typer(help="The robot's budgets, measured on this machine; exit status 1 where one is missed.")
+
+AsJson = Annotated[bool, typer.Option("--json", help="One JSON object on the last line of stdout")]
+
+
+@app.command()
+def stop(
+    repeat: Annotated[int, typer.Option(help="Stops measured for each cause", min=1, max=100)] = 1,
+    cause: Annotated[
+        list[str] | None, typer.Option(help=f"Only this one: {', '.join(cause.name for cause in stopping.CAUSES)}")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """How fast the robot stops for every reason there is to, at the base's end of a simulated bus.
+
+    A real robot process drives with 0.45 m/s over real wires on loopback; then the cause strikes. Takes a minute.
+
+    Example: ghal360 bench stop --cause loop-blocked --repeat 5
+    """
+    causes = _causes(cause or [])
+    console = Console(stderr=True, highlight=False, soft_wrap=True, quiet=as_json)
+    began = time.monotonic()
+    results = asyncio.run(_stops(causes, repeat, console))
+    failed = [result.cause.name for result in results if not result.passed]
+    if as_json:
+        summary: dict[str, Any] = {
+            "passed": not failed,
+            "repeat": repeat,
+            "seconds": round(time.monotonic() - began, 1),
+            "machine": stopping.machine(),
+            "stops": [result.to_json() for result in results],
+        }
+        print(json.dumps(summary))
+    else:
+        Console(highlight=False).print(_stop_table(results))
+    if failed:
+        raise GhalError(
+            f"{len(failed)} of {len(results)} causes did not stop the robot in time: {', '.join(failed)}. "
+            "On a machine that is busy with something else, measure again before looking for the reason"
+        )
+
+
+@app.command()
+def tick(
+    ticks: Annotated[int, typer.Option(help="Ticks to measure", min=1000, max=10_000_000)] = ticking.TICKS,
+    as_json: AsJson = False,
+) -> None:
+    """What decoding the base's feedback, the safety chain and encoding its command cost in every control tick.
+
+    Example: ghal360 bench tick --json
+    """
+    cost = ticking.measure(ticks)
+    if as_json:
+        print(json.dumps({**cost.to_json(), "machine": stopping.machine()}))
+    else:
+        Console(highlight=False).print(_tick_table(cost))
+    if not cost.passed:
+        raise GhalError(
+            f"99 % of the ticks cost up to {cost.total.p99_us / 1e3:.2f} ms, the budget is {ticking.LIMIT_MS:g} ms. "
+            "On a machine that is busy with something else, measure again; "
+            "`python benchmarks/base_tick.py --profile` says which function costs what"
+        )
+
+
+def _causes(names: list[str]) -> list[stopping.Cause]:
+    known = {cause.name: cause for cause in stopping.CAUSES}
+    for name in names:
+        if name not in known:
+            raise UsageError(f"'{name}' is no cause to stop; the causes are {', '.join(known)}")
+    return [cause for cause in stopping.CAUSES if not names or cause.name in names]
+
+
+async def _stops(causes: list[stopping.Cause], repeat: int, console: Console) -> list[stopping.Result]:
+    results = []
+    for cause in causes:
+        samples = []
+        for number in range(repeat):
+            more = f" ({number + 1} of {repeat})" if repeat > 1 else ""
+            console.print(f"driving until: {cause.words}{more} ...")
+            samples.append(await stopping.measure(cause, seed=number))
+        results.append(stopping.Result(cause, tuple(samples)))
+    return results
+
+
+def _stop_table(results: list[stopping.Result]) -> Table:
+    table = Table(box=None, padding=(0, 2))
+    table.add_column("cause")
+    for name in ("zero on the wire", "at most", "standstill", "at most"):
+        table.add_column(name, justify="right")
+    table.add_column("")
+    table.add_column("the robot said")
+    for result in results:
+        to_zero, to_standstill = result.limits_ms
+        table.add_row(
+            result.cause.words,
+            _ms(result.to_zero_ms),
+            f"{to_zero:.0f} ms",
+            _ms(result.to_standstill_ms),
+            f"{to_standstill:.0f} ms",
+            "ok" if result.passed else "[bold red]too late[/]",
+            escape(_shortened(next((sample.remarks[0] for sample in result.samples if sample.remarks), "nothing"))),
+        )
+    return table
+
+
+def _tick_table(cost: ticking.TickCost) -> Table:
+    table = Table(box=None, padding=(0, 2))
+    table.add_column(f"{cost.ticks} ticks")
+    for name in ("p50", "p99", "max"):
+        table.add_column(name, justify="right")
+    rows = (
+        ("decode: 11 frames to base state", cost.decode),
+        ("safety chain: 811 beams", cost.chain),
+        ("encode: motion frame, whitelist", cost.encode),
+        (f"together, p99 at most {ticking.LIMIT_MS:g} ms", cost.total),
+        ("floor: an empty turn of the event loop", cost.floor),
+    )
+    for name, spread in rows:
+        table.add_row(name, *(f"{value / 1e3:.3f} ms" for value in (spread.p50_us, spread.p99_us, spread.max_us)))
+    table.add_row("together, as a multiple of the floor", f"{cost.ratio:.1f}", "", "")
+    return table
+
+
+def _ms(values: list[float | None]) -> str:
+    """Median and, of several, the worst."""
+    median, worst = stopping.median(values), stopping.worst(values)
+    if median is None or worst is None:
+        return "never"
+    return f"{median:.0f} ms" if len(values) == 1 else f"{median:.0f} ms, worst {worst:.0f} ms"
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= 60 else text[:59] + "…"
