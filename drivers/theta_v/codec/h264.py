@@ -109,13 +109,13 @@ def split(data: bytes) -> list[Nal]:
     return nals
 
 
-def starts_with_code(data: bytes | memoryview) -> bool:
+def starts_with_code(data: bytes | bytearray | memoryview) -> bool:
     """Whether the bytes begin at a NAL unit, as an access unit must."""
     head = bytes(data[:4])
     return head == START_CODE or head[:3] == START_CODE[1:]
 
 
-def opens_stream(data: bytes | memoryview) -> bool:
+def opens_stream(data: bytes | bytearray | memoryview) -> bool:
     """Whether a picture that can be decoded from nothing begins exactly here: an SPS, a delimiter before it.
 
     Emulation prevention keeps these bytes out of the inside of any other NAL unit.

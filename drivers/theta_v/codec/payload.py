@@ -14,7 +14,9 @@ FID, EOF, PTS, SCR, ERR, EOH = 0x01, 0x02, 0x04, 0x08, 0x40, 0x80
 
 MAX_UNIT_BYTES = 8 << 20  # 4K key pictures of 2 MB were measured; descriptors and published rates disagree
 
-Packet = tuple[int, bytes | memoryview]
+Payload = bytes | bytearray | memoryview
+
+Packet = tuple[int, Payload]
 """Status of one isochronous packet (0 is good) and the bytes that arrived."""
 
 
@@ -80,9 +82,7 @@ class Assembler:
     that away costs a whole group of pictures).
     """
 
-    def __init__(
-        self, max_bytes: int = MAX_UNIT_BYTES, opens: Callable[[bytes | memoryview], bool] | None = None
-    ) -> None:
+    def __init__(self, max_bytes: int = MAX_UNIT_BYTES, opens: Callable[[Payload], bool] | None = None) -> None:
         self.discarded_packets = 0
         """Good packets thrown away before the first frame boundary."""
         self._max_bytes = max_bytes
@@ -132,7 +132,7 @@ class Assembler:
                 self._ended_fid = fid
         return units
 
-    def _join(self, payload: bytes | memoryview, header: int, bits: int) -> bool:
+    def _join(self, payload: Payload, header: int, bits: int) -> bool:
         fid = bits & FID
         first, self._synced = self._fid is None, True
         if first and self._opens is not None and self._opens(payload[header:]):
@@ -146,7 +146,7 @@ class Assembler:
         self.discarded_packets += 1
         return False
 
-    def _append(self, stamp_ns: int, data: bytes | memoryview) -> None:
+    def _append(self, stamp_ns: int, data: Payload) -> None:
         if not self._buffer:
             self._first_ns = stamp_ns
             self._follows_loss = self._fid == self._ended_fid

@@ -8,7 +8,6 @@ import time
 from dataclasses import dataclass
 
 from drivers.theta_v.codec.descriptors import (
-    ISOCHRONOUS,
     Pipe,
     StillFunction,
     VideoFunction,
@@ -116,7 +115,4 @@ async def agree(transport: UsbTransport, video: VideoFunction, mode: Mode) -> Ag
         except StopIteration as done:
             probe: Probe = done.value
             break
-    pipe = video.pipe(probe.max_payload_bytes)
-    if pipe.endpoint.kind != ISOCHRONOUS:
-        raise ThetaRefused("this camera sends video through a bulk endpoint, which this driver cannot read yet")
-    return Agreement(probe, pipe)
+    return Agreement(probe, video.pipe(probe.max_payload_bytes))

@@ -234,7 +234,7 @@ class ThetaV:
             if step is Step.REOPEN:
                 raise ThetaTimeout("the camera sends no pictures and restarting it did not help; replug it")
             self._restarts += 1
-            await self._open_transport().stop_isochronous()
+            await self._open_transport().stop_video()
             await self._open_transport().set_interface(video.interface, 0)
             if step is Step.RENEGOTIATE:
                 agreement = await bringup.agree(self._open_transport(), video, config.mode)
@@ -245,9 +245,7 @@ class ThetaV:
         transport, pipe = self._open_transport(), agreement.pipe
         self._collector.restart()
         await transport.set_interface(video.interface, pipe.alternate)
-        await transport.start_isochronous(
-            pipe.endpoint.address, pipe.endpoint.max_packet_bytes, self._collector.packets
-        )
+        await transport.start_video(pipe.endpoint, agreement.probe.max_payload_bytes, self._collector.packets)
         self._link = Link.STREAMING
 
     def _open_transport(self) -> UsbTransport:
@@ -276,7 +274,7 @@ class ThetaV:
 
     async def _stop(self, transport: UsbTransport) -> None:
         """Some cameras need alternate setting 0 before they will start again (fact sheet 3.3)."""
-        await transport.stop_isochronous()
+        await transport.stop_video()
         video = bringup.functions(transport).video
         if video is not None:
             await transport.claim(video.interface)

@@ -7,63 +7,43 @@ import struct
 import threading
 import time
 
-from drivers.theta_v.codec.descriptors import Configuration, parse_configuration
+from drivers.theta_v.codec.descriptors import Endpoint
 from drivers.theta_v.codec.payload import Packet
 from drivers.theta_v.errors import ThetaGone, ThetaNotFound, ThetaRefused, ThetaStall, ThetaTimeout, ThetaWrongDevice
 from drivers.theta_v.simulator.camera import Port, SimulatedThetaV
 from drivers.theta_v.transport.base import (
     BULK_S,
+    CLEAR_FEATURE,
     CONTROL_S,
     MICROFRAME_NS,
     SET_CONFIGURATION,
     SET_INTERFACE,
-    Claims,
     GoneSink,
     Identity,
     PacketSink,
-    read_configuration,
-    read_device_descriptor,
-    read_identity,
 )
+from drivers.theta_v.transport.opened import OpenedCamera
 
 PACKETS_PER_BATCH = 32  # 4 ms, as the USB/IP client
 POLL_S = 0.002  # how often a waiting transfer and the cable are looked at
 MAX_BEHIND_NS = 1_000_000_000  # after a longer pause of the process the missed microframes are not made up
 
 
-class AttachedTransport:
+class AttachedTransport(OpenedCamera):
     """A `UsbTransport` to one `SimulatedThetaV`. See `UsbTransport` for the methods."""
 
     def __init__(self, camera: SimulatedThetaV) -> None:
+        super().__init__()
         self._camera = camera
-        self._claims = Claims()
         self._port: Port | None = None
         self._on_gone: GoneSink | None = None
         self._watch: asyncio.Task[None] | None = None
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
-        self._device_descriptor = b""
-        self._configuration = b""
-        self._parsed = Configuration(0, ())
-        self._identity: Identity | None = None
 
     @property
     def name(self) -> str:
         return "simulated camera"
-
-    @property
-    def identity(self) -> Identity:
-        if self._identity is None:
-            raise ThetaGone("the camera is not open")
-        return self._identity
-
-    @property
-    def device_descriptor(self) -> bytes:
-        return self._device_descriptor
-
-    @property
-    def configuration(self) -> bytes:
-        return self._configuration
 
     async def open(self, serial: str | None, on_gone: GoneSink) -> None:
         try:
@@ -74,12 +54,9 @@ class AttachedTransport:
             raise ThetaRefused("another program holds the camera; end it and try again") from None
         self._on_gone = on_gone
         try:
-            self._device_descriptor = await read_device_descriptor(self)
-            self._configuration = await read_configuration(self)
-            self._parsed = parse_configuration(self._configuration)
-            self._identity = await read_identity(self, self._device_descriptor)
-            self._check_serial(self._identity.serial, serial)
-            await self.control(0x00, SET_CONFIGURATION, self._parsed.value, 0)
+            who = await self.read_descriptors(self)
+            self._check(who, serial)
+            await self.control(0x00, SET_CONFIGURATION, self.configuration_value, 0)
         except BaseException:
             await self.close()
             raise
@@ -91,7 +68,7 @@ class AttachedTransport:
             self._watch.cancel()
             self._watch = None
         try:
-            await self.stop_isochronous()
+            await self.stop_video()
         finally:
             if self._port is not None:
                 self._port.disconnect()
@@ -113,11 +90,11 @@ class AttachedTransport:
         return self._open_port().control(setup, data)
 
     async def bulk_out(self, endpoint: int, data: bytes, timeout_s: float = BULK_S) -> None:
-        self._need(endpoint)
+        self.need_endpoint(endpoint)
         self._open_port().write(endpoint, data)
 
     async def bulk_in(self, endpoint: int, length: int, timeout_s: float = BULK_S) -> bytes:
-        self._need(endpoint)
+        self.need_endpoint(endpoint)
         deadline = time.monotonic() + timeout_s
         while (data := self._open_port().read(endpoint, length)) is None:
             if time.monotonic() > deadline:
@@ -129,49 +106,48 @@ class AttachedTransport:
         return await self.bulk_in(endpoint, length, timeout_s)
 
     async def set_interface(self, interface: int, alternate: int) -> None:
-        self._claims.need(interface)
+        self.need(interface)
         await self.control(0x01, SET_INTERFACE, alternate, interface)
 
     async def claim(self, interface: int) -> None:
         self._claims.add(interface)
 
     async def release(self, interface: int) -> None:
-        self._claims.drop(interface)
+        self._claims.discard(interface)
 
-    async def start_isochronous(self, endpoint: int, packet_bytes: int, on_packets: PacketSink) -> None:
-        self._need(endpoint)
+    async def clear_halt(self, endpoint: int) -> None:
+        await self.control(0x02, CLEAR_FEATURE, 0, endpoint)
+
+    async def reset(self) -> None:
+        await self.control(0x00, SET_CONFIGURATION, self.configuration_value, 0)
+
+    async def start_video(self, endpoint: Endpoint, payload_bytes: int, on_packets: PacketSink) -> None:
+        self.need_endpoint(endpoint.address)
         if self._thread is not None:
-            raise RuntimeError("an isochronous stream is running already")
+            raise RuntimeError("video is running already")
         self._stop.clear()
         self._thread = threading.Thread(
             target=self._stream,
-            args=(self._open_port(), endpoint, packet_bytes, on_packets),
+            args=(self._open_port(), endpoint.address, endpoint.max_packet_bytes, on_packets),
             name="theta-attached",
             daemon=True,
         )
         self._thread.start()
 
-    async def stop_isochronous(self) -> None:
+    async def stop_video(self) -> None:
         thread, self._thread = self._thread, None
         self._stop.set()
         if thread is not None:
             await asyncio.to_thread(thread.join)
 
-    def _check_serial(self, found: str, wanted: str | None) -> None:
-        if wanted not in (None, found):
-            raise ThetaWrongDevice(f"the camera on the bus is number {found}, not {wanted}")
+    def _check(self, who: Identity, serial: str | None) -> None:
+        if serial not in (None, who.serial):
+            raise ThetaWrongDevice(f"the camera on the bus is number {who.serial}, not {serial}")
 
     def _open_port(self) -> Port:
         if self._port is None:
             raise ThetaGone("the camera is not open")
         return self._port
-
-    def _need(self, endpoint: int) -> None:
-        for setting in self._parsed.settings:
-            if any(e.address == endpoint for e in setting.endpoints):
-                self._claims.need(setting.interface)
-                return
-        raise RuntimeError(f"the camera has no endpoint {endpoint:#04x}")
 
     def _stream(self, port: Port, endpoint: int, packet_bytes: int, on_packets: PacketSink) -> None:
         start = time.monotonic_ns()

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
+from drivers.theta_v.codec.descriptors import Endpoint
 from drivers.theta_v.codec.payload import Packet
 from drivers.theta_v.errors import ThetaMalformed, ThetaStall
 
@@ -17,12 +18,15 @@ MICROFRAME_NS = 125_000  # USB 2.0 high speed: 8000 a second
 CONTROL_S = 5.0  # SET_INTERFACE is answered only once the camera's encoder runs (fact sheet 3.3)
 BULK_S = 3.0  # PTP: the slowest answer seen in public traces is below a second
 
-GET_DESCRIPTOR, SET_CONFIGURATION, SET_INTERFACE = 0x06, 0x09, 0x0B
+GET_DESCRIPTOR, SET_CONFIGURATION, SET_INTERFACE, CLEAR_FEATURE = 0x06, 0x09, 0x0B, 0x01
 DEVICE_DESCRIPTOR, CONFIGURATION_DESCRIPTOR, STRING_DESCRIPTOR = 0x0100, 0x0200, 0x0300
 ENGLISH = 0x0409
 
 PacketSink = Callable[[int, list[Packet]], None]
-"""Called with the arrival time and the packets of one batch; empty packets without error are left out."""
+"""Called with the arrival time and the packets of one batch; empty packets without error are left out.
+
+A packet is one UVC payload: what one microframe carried, or one bulk transfer.
+"""
 GoneSink = Callable[[str], None]
 """Called once, with the reason, when the device is gone."""
 
@@ -44,7 +48,7 @@ class Identity:
 
 
 class UsbTransport(Protocol):
-    """One THETA on some kind of USB. Everything but `start_isochronous`'s sink runs on the event loop.
+    """One THETA on some kind of USB. Everything but `start_video`'s sink runs on the event loop.
 
     Any method may raise ThetaGone (unplugged), ThetaTimeout, ThetaStall (the endpoint stalled) or
     ThetaMalformed (nonsense from the other end).
@@ -99,31 +103,20 @@ class UsbTransport(Protocol):
 
     async def release(self, interface: int) -> None: ...
 
-    async def start_isochronous(self, endpoint: int, packet_bytes: int, on_packets: PacketSink) -> None:
-        """Keep transfers queued on `endpoint`; the sink is called from the transport's own thread."""
+    async def clear_halt(self, endpoint: int) -> None:
+        """Make a stalled bulk endpoint work again."""
 
-    async def stop_isochronous(self) -> None:
+    async def reset(self) -> None:
+        """Reset the camera's port. Claims survive, alternate settings return to 0; raises ThetaGone if it left."""
+
+    async def start_video(self, endpoint: Endpoint, payload_bytes: int, on_packets: PacketSink) -> None:
+        """Keep transfers queued on `endpoint`, isochronous or bulk; `payload_bytes` is the largest payload agreed.
+
+        The sink is called from the transport's own thread.
+        """
+
+    async def stop_video(self) -> None:
         """Cancel and reap all transfers; after this the sink is not called any more."""
-
-
-class Claims:
-    """Interfaces a program holds. Using one without claiming it first is a mistake of this driver."""
-
-    def __init__(self) -> None:
-        self._held: set[int] = set()
-
-    def add(self, interface: int) -> None:
-        self._held.add(interface)
-
-    def drop(self, interface: int) -> None:
-        self._held.discard(interface)
-
-    def clear(self) -> None:
-        self._held.clear()
-
-    def need(self, interface: int) -> None:
-        if interface not in self._held:
-            raise RuntimeError(f"interface {interface} was not claimed")
 
 
 async def read_device_descriptor(transport: UsbTransport) -> bytes:
