@@ -30,22 +30,31 @@ def crc16(data: bytes) -> int:
 
 
 def pack_command(frame: Frame) -> bytes:
-    """Twelve bytes: id, both words, CRC high byte first."""
+    """Id, words, CRC high byte first; twelve bytes for the 0x500 family."""
     body = struct.pack(">H", frame.can_id) + frame.data
     return body + struct.pack(">H", crc16(body))
 
 
-def pack_feedback(words: Sequence[int]) -> bytes:
-    """Feedback words, two pad bytes and the CRC over everything before it."""
-    body = struct.pack(f">{len(words)}I", *words) + b"\x00\x00"
+def unpack_command(packet: bytes) -> Frame | None:
+    """The frame of a command packet; None where length or CRC is wrong."""
+    if len(packet) < 8 or len(packet) % 4 or not crc_fits(packet):
+        return None
+    return Frame(int.from_bytes(packet[:2], "big"), packet[2:-2])
+
+
+def pack_feedback(words: Sequence[int], order: str = ">") -> bytes:
+    """Feedback words in byte order `>` or `<`, two pad bytes and the CRC over everything before it."""
+    body = struct.pack(f"{order}{len(words)}I", *words) + b"\x00\x00"
     return body + struct.pack(">H", crc16(body))
 
 
 def unpack_feedback(packet: bytes) -> tuple[int, ...] | None:
-    """The words of a feedback packet; None where length or CRC is wrong."""
-    if len(packet) < 8 or len(packet) % 4:
-        return None
-    body, (crc,) = packet[:-2], struct.unpack(">H", packet[-2:])
-    if crc16(body) != crc:
+    """The words of a big-endian feedback packet; None where length or CRC is wrong."""
+    if len(packet) < 8 or len(packet) % 4 or not crc_fits(packet):
         return None
     return struct.unpack(f">{len(packet) // 4 - 1}I", packet[:-4])
+
+
+def crc_fits(packet: bytes) -> bool:
+    """Whether the last two bytes are the CRC of all before them."""
+    return crc16(packet[:-2]) == int.from_bytes(packet[-2:], "big")

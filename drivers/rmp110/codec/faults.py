@@ -121,7 +121,17 @@ BAD_MOTION_COMMAND = 0x10
 UNKNOWN_COMMAND = 0x20
 """Bit of fault status word 2."""
 
-_GROUPS: tuple[tuple[str, int, int, int, Mapping[int, str]], ...] = (
+DYNAMIC_RESPONSES = {0x200: "it switches off after its kill switch was pressed"}
+"""The only bit ever seen; the others were never published (fact sheet section 5)."""
+
+ARCHITECTURE_V3 = {**ARCHITECTURE, 0x800: "invalid keys of the firmware's licence"}
+"""V3 firmware gives bit 0x800 another meaning."""
+
+Texts = Mapping[int, str]
+Group = tuple[str, int, int, int, Texts]
+"""Name, word, shift, mask after the shift, texts."""
+
+GROUPS: tuple[Group, ...] = (
     ("architecture", 0, 0, 0xFFF, ARCHITECTURE),
     ("critical", 0, 12, 0xFFFFF, CRITICAL),
     ("communication", 1, 0, 0xFFFF, COMM),
@@ -130,22 +140,41 @@ _GROUPS: tuple[tuple[str, int, int, int, Mapping[int, str]], ...] = (
     ("balance sensor", 2, 16, 0xFFFF, BSA),
     ("motor controllers", 3, 0, 0xFFFFFFFF, MCU_REQUESTS),
 )
-"""Group, word, shift, mask after the shift, texts."""
+GROUPS_V3: tuple[Group, ...] = (("architecture", 0, 0, 0xFFF, ARCHITECTURE_V3), *GROUPS[1:])
+
+LOG_GROUPS: tuple[tuple[str, Texts], ...] = (
+    ("transient", {}),
+    ("critical", CRITICAL),
+    ("communication", COMM),
+    ("sensors", SENSORS),
+    ("balance sensor", BSA),
+    ("motor controllers", MCU_REQUESTS),
+    ("architecture", ARCHITECTURE),
+    ("internal", INTERNAL),
+)
+"""In the order of a fault log entry; transient faults have no bits anywhere else and no published names."""
 
 
-def fault_texts(words: Sequence[int]) -> tuple[str, ...]:
+def fault_texts(words: Sequence[int], groups: Sequence[Group] = GROUPS) -> tuple[str, ...]:
     """Every set bit of fault status words 1..4 as `group: text`; bits nobody documented by their number."""
-    texts: list[str] = []
-    for group, index, shift, mask, table in _GROUPS:
-        texts.extend(f"{group}: {text}" for text in _texts((words[index] >> shift) & mask, table))
-    return tuple(texts)
+    return tuple(
+        f"{group}: {text}"
+        for group, index, shift, mask, table in groups
+        for text in bit_texts((words[index] >> shift) & mask, table)
+    )
 
 
 def mcu_fault_texts(unit: int, word: int) -> tuple[str, ...]:
     """Every set bit of one motor controller's own fault word."""
-    return tuple(f"motor controller {unit}: {text}" for text in _texts(word, MCU_STATUS))
+    return tuple(f"motor controller {unit}: {text}" for text in bit_texts(word, MCU_STATUS))
 
 
-def _texts(word: int, table: Mapping[int, str]) -> list[str]:
+def dynamic_response_texts(word: int) -> tuple[str, ...]:
+    """What the base does of its own accord."""
+    return bit_texts(word, DYNAMIC_RESPONSES)
+
+
+def bit_texts(word: int, table: Texts) -> tuple[str, ...]:
+    """The text of every set bit, lowest first."""
     bits = [1 << bit for bit in range(32) if word >> bit & 1]
-    return [table.get(bit, f"unknown bit 0x{bit:X}") for bit in bits]
+    return tuple(table.get(bit, f"unknown bit 0x{bit:X}") for bit in bits)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from enum import Enum
 
+from drivers.rmp110.codec.dialect import Dialect as Dialect  # noqa: PLC0414 - where the name used to live
 from drivers.rmp110.codec.feedback_words import WORDS, Word
 from drivers.rmp110.codec.frames import FEEDBACK_ID, Frame, float_to_word, pack_words, word_to_float
 from drivers.rmp110.codec.parameters import Kind
@@ -15,18 +15,10 @@ COMPACT_BITMAPS = (0x7B800F0F, 0x03030026, 0, 0)
 FACTORY_BITMAPS = (0xFFFFFFFF, 0xFFFFFFFF, 0xFFFFFFFF, 0)
 """All 96 words, 48 frames."""
 MAX_FRAMES = 48
-"""All words on; no reply of dialect B2 is longer."""
-
-
-class Dialect(Enum):
-    """Dialects of the 0x500 family that answer command 30; told apart by the length of that reply."""
-
-    B2 = "B2"
-    B3 = "B3"
-
+"""All words on; no reply of any dialect is longer."""
 
 CONFIG_REPLY_FRAMES = {10: Dialect.B2, 11: Dialect.B3}
-"""Frames in a forced configuration reply: 20 stored words, or 21 with the lateral acceleration limit."""
+"""Frames in a reply to B2's and B3's forced configuration feedback; no other dialect knows that number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,9 +28,9 @@ class Layout:
     words: tuple[Word, ...]
 
     @classmethod
-    def of(cls, bitmaps: Sequence[int]) -> Layout:
+    def of(cls, bitmaps: Sequence[int], words: Iterable[Word] = WORDS) -> Layout:
         """The layout that these user-defined feedback bitmaps (1..3, further ones ignored) switch on."""
-        return cls(tuple(word for word in WORDS if bitmaps[word.bitmap - 1] >> word.bit & 1))
+        return cls(tuple(word for word in words if bitmaps[word.bitmap - 1] >> word.bit & 1))
 
     @property
     def frame_count(self) -> int:

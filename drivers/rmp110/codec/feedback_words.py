@@ -5,6 +5,7 @@ Names are the vendor's. A bitmap bit that is set puts its word into every reply;
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from drivers.rmp110.codec.parameters import Kind
@@ -21,7 +22,10 @@ class Word:
     unit: str
 
 
-_TABLES = (
+Entry = tuple[str, Kind, str]
+"""Name, kind, unit of one bit."""
+
+B2_BITMAPS: tuple[tuple[Entry, ...], ...] = (
     (
         ("fault_status_word_1", Kind.HEX, ""),
         ("fault_status_word_2", Kind.HEX, ""),
@@ -109,7 +113,7 @@ _TABLES = (
         ("fram_dtz_decel_limit_mps2", Kind.FLOAT, "m/s^2"),
         ("fram_coastdown_decel_mps2", Kind.FLOAT, "m/s^2"),
         ("fram_yaw_rate_limit_rps", Kind.FLOAT, "rad/s"),
-        ("fram_yaw_accel_limit_rps2", Kind.FLOAT, "rad/s²"),
+        ("fram_yaw_accel_limit_rps2", Kind.FLOAT, "rad/s^2"),
         ("fram_tire_diameter_m", Kind.FLOAT, "m"),
         ("fram_wheelbase_length_m", Kind.FLOAT, "m"),
         ("fram_wheel_track_width_m", Kind.FLOAT, "m"),
@@ -126,8 +130,14 @@ _TABLES = (
     ),
 )
 
-WORDS: tuple[Word, ...] = tuple(
-    Word(bitmap, bit, name, kind, unit)
-    for bitmap, table in enumerate(_TABLES, start=1)
-    for bit, (name, kind, unit) in enumerate(table)
-)
+
+def numbered(bitmaps: Iterable[Iterable[Entry]]) -> tuple[Word, ...]:
+    """The words of these bitmaps, bit 0 of the first one first."""
+    return tuple(
+        Word(bitmap, bit, name, kind, unit)
+        for bitmap, entries in enumerate(bitmaps, start=1)
+        for bit, (name, kind, unit) in enumerate(entries)
+    )
+
+
+WORDS = numbered(B2_BITMAPS)

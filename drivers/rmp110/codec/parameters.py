@@ -159,37 +159,67 @@ RMP110_STORED: Mapping[str, float] = {
 
 @dataclass(frozen=True, slots=True)
 class Stored:
-    """The twenty stored parameters as the base holds them, bit for bit, in command order."""
+    """All stored parameters as the base holds them, bit for bit, in the order of its dialect's table."""
 
     words: tuple[int, ...]
+    parameters: tuple[Parameter, ...] = PARAMETERS
 
     def __post_init__(self) -> None:
-        if len(self.words) != len(PARAMETERS):
-            raise ValueError(f"{len(self.words)} parameter words, dialect B2 has {len(PARAMETERS)}")
+        if len(self.words) != len(self.parameters):
+            raise ValueError(f"{len(self.words)} parameter words, this dialect has {len(self.parameters)}")
 
     @classmethod
-    def of(cls, values: Mapping[str, float], base: Sequence[int] | None = None) -> Stored:
+    def of(
+        cls,
+        values: Mapping[str, float],
+        base: Sequence[int] | None = None,
+        parameters: tuple[Parameter, ...] = PARAMETERS,
+    ) -> Stored:
         """Parameters by name over `base` words, or over the factory's; KeyError for an unknown name."""
-        words = list(base) if base is not None else [p.word(p.factory) for p in PARAMETERS]
-        for name, value in values.items():
-            parameter = BY_NAME[name]
-            words[parameter.number - 1] = parameter.word(value)
-        return cls(tuple(words))
+        words = base if base is not None else [p.word(p.factory) for p in parameters]
+        return cls(tuple(words), parameters).with_values(values)
 
     def __getitem__(self, name: str) -> float:
-        parameter = BY_NAME[name]
-        return parameter.value(self.words[parameter.number - 1])
+        parameter, word = self._find(name)
+        return parameter.value(word)
+
+    def __contains__(self, name: str) -> bool:
+        return any(parameter.name == name for parameter in self.parameters)
+
+    def with_values(self, values: Mapping[str, float]) -> Stored:
+        """The same with these values by name; KeyError for an unknown name."""
+        unknown = [name for name in values if name not in self]
+        if unknown:
+            raise KeyError(unknown[0])
+        words = (
+            parameter.word(values[parameter.name]) if parameter.name in values else word
+            for parameter, word in zip(self.parameters, self.words, strict=True)
+        )
+        return Stored(tuple(words), self.parameters)
 
     @property
     def bitmaps(self) -> tuple[int, int, int, int]:
-        """The user-defined feedback bitmaps 1..4."""
-        one, two, three, four = self.words[16:20]
+        """The user-defined feedback bitmaps 1..4; zero where a dialect has none."""
+        one, two, three, four = (
+            int(self[name]) if name in self else 0 for name in (f"feedback_bitmap_{n}" for n in (1, 2, 3, 4))
+        )
         return one, two, three, four
 
     def differing(self, wanted: Mapping[str, float]) -> dict[str, tuple[float, float]]:
-        """Name to (stored, wanted) where the stored bits are not the float32 bits of the wanted value."""
-        return {
-            name: (self[name], value)
-            for name, value in wanted.items()
-            if self.words[BY_NAME[name].number - 1] != BY_NAME[name].word(value)
-        }
+        """Name to (stored, wanted) where the stored bits are not the float32 bits of the wanted value.
+
+        Names that this dialect does not store cannot differ.
+        """
+        found = {}
+        for name, value in wanted.items():
+            if name in self:
+                parameter, word = self._find(name)
+                if word != parameter.word(value):
+                    found[name] = (parameter.value(word), value)
+        return found
+
+    def _find(self, name: str) -> tuple[Parameter, int]:
+        for parameter, word in zip(self.parameters, self.words, strict=True):
+            if parameter.name == name:
+                return parameter, word
+        raise KeyError(name)

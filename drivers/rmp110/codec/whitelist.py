@@ -9,45 +9,78 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
+from drivers.rmp110.codec.dialect import Action, Dialect
 from drivers.rmp110.codec.frames import CONFIG_ID, MOTION_ID, Frame, as_float32, unpack_words, word_to_float
-from drivers.rmp110.codec.parameters import BY_NUMBER, RMP110_TRACK_MINIMUM_M, ModeRequest, Number
+from drivers.rmp110.codec.parameters import RMP110_TRACK_MINIMUM_M, ModeRequest
+from drivers.rmp110.codec.vocabulary import VOCABULARIES, Vocabulary
+
+Check = Callable[[int], bool]
+"""Whether a configuration command may carry this word."""
+
+ACTIONS: Mapping[Action, Check] = {
+    Action.NONE: lambda word: word == 0,
+    Action.FORCE_CONFIG_FEEDBACK: lambda word: word in (0, 1),
+    Action.AUDIO: lambda word: word <= 16,
+    Action.MODE_REQUEST: lambda word: word in (ModeRequest.STANDBY, ModeRequest.TRACTOR),
+    Action.FAULT_LOG: lambda word: word in (0, 1),
+    Action.RESET_INTEGRATORS: lambda word: word <= 0x1F,
+}
+"""Resetting parameters and unsolicited data are not for routine use."""
+
+RANGED = (
+    "max_velocity",
+    "max_accel",
+    "max_decel",
+    "max_dtz_decel",
+    "coastdown_decel",
+    "max_yaw_rate",
+    "max_yaw_accel",
+    "tire_diameter",
+    "wheel_base",
+    "gear_ratio",
+    "lateral_accel",
+)
+"""Parameters that may be anything within their documented range."""
 
 
-def _in_range(number: int) -> Callable[[int], bool]:
-    return BY_NUMBER[number].accepts
-
-
-def _track(word: int) -> bool:
-    # The 110's own track width is below the minimum that dialect B2 documents.
+def track_allowed(word: int) -> bool:
+    """The 110's own track width is below the minimum that dialect B2 documents."""
     return as_float32(RMP110_TRACK_MINIMUM_M) <= word_to_float(word) <= 1.0
 
 
-def _nonzero(word: int) -> bool:
-    # With all bitmaps zero the base never answers again; the first one must keep some bits.
-    return word != 0
-
-
-_ALLOWED: Mapping[int, Callable[[int], bool]] = {
-    Number.NONE: lambda word: word == 0,
-    **{number: _in_range(number) for number in range(Number.MAX_VELOCITY, Number.TRACK_WIDTH)},
-    Number.TRACK_WIDTH: _track,
-    Number.GEAR_RATIO: _in_range(Number.GEAR_RATIO),
+PARAMETERS: Mapping[str, Check] = {
+    "track_width": track_allowed,
     # Bit 3 allows driving while the charger is plugged in: never set from here (fact sheet 6.4).
-    Number.INPUT_BITMAP: lambda word: word & 0x8 == 0 and word <= 0x1FFF,
-    Number.FEEDBACK_1: _nonzero,
-    Number.FEEDBACK_2: lambda _: True,
-    Number.FEEDBACK_3: lambda _: True,
-    Number.FEEDBACK_4: lambda word: word == 0,
-    Number.FORCE_CONFIG_FEEDBACK: lambda word: word in (0, 1),
-    Number.AUDIO: lambda word: word <= 16,
-    Number.MODE_REQUEST: lambda word: word in (ModeRequest.STANDBY, ModeRequest.TRACTOR),
-    Number.FAULT_LOG: lambda word: word in (0, 1),
-    Number.RESET_INTEGRATORS: lambda word: word <= 0x1F,
+    "input_bitmap": lambda word: word & 0x8 == 0 and word <= 0x1FFF,
+    # With all bitmaps zero the base never answers again; the first one must keep some bits.
+    "feedback_bitmap_1": lambda word: word != 0,
+    "feedback_bitmap_2": lambda _: True,
+    "feedback_bitmap_3": lambda _: True,
+    "feedback_bitmap_4": lambda word: word == 0,
 }
+"""Parameters with a rule of their own; network settings are in neither table and never pass."""
 
 
-def forbidden(frame: Frame) -> str | None:
-    """Why this frame must not be sent; None where it may."""
+def _checks(book: Vocabulary) -> Mapping[int, Check]:
+    by_name: dict[str, Check] = {name: book.parameter(name).accepts for name in RANGED if _stores(book, name)}
+    by_name |= PARAMETERS
+    checks = {book.actions[action]: check for action, check in ACTIONS.items()}
+    return checks | {p.number: by_name[p.name] for p in book.parameters if p.name in by_name}
+
+
+def _stores(book: Vocabulary, name: str) -> bool:
+    return any(parameter.name == name for parameter in book.parameters)
+
+
+_ALLOWED: Mapping[Dialect, Mapping[int, Check]] = {name: _checks(book) for name, book in VOCABULARIES.items()}
+
+
+def forbidden(frame: Frame, dialect: Dialect = Dialect.B2) -> str | None:
+    """Why this frame must not be sent to a base of this dialect; None where it may.
+
+    The same number says something else in another dialect (fact sheet 6.3): B2's rules also fit B3, B1's
+    fit neither.
+    """
     if len(frame.data) != 8:
         return f"frame 0x{frame.can_id:X} with {len(frame.data)} bytes: the base takes frames of 8 only"
     high, low = unpack_words(frame.data)
@@ -58,7 +91,7 @@ def forbidden(frame: Frame) -> str | None:
         return f"motion {values} is not within -1 and 1"
     if frame.can_id != CONFIG_ID:
         return f"id 0x{frame.can_id:X} is not one of the base's command ids"
-    check = _ALLOWED.get(high)
+    check = _ALLOWED[dialect].get(high)
     if check is None:
         return f"configuration command {high} is not for routine use"
     if not check(low):
