@@ -22,7 +22,7 @@ from ghal360_robot.board import Board, make_board
 from ghal360_robot.brain import BrainState
 from ghal360_robot.errors import GhalError
 from ghal360_robot.hardware.base import BaseOutput
-from ghal360_robot.hardware.camera import CameraInput, require_transport
+from ghal360_robot.hardware.camera import CameraInput
 from ghal360_robot.hardware.lidar import LidarInput
 from ghal360_robot.journal import Journal, RunReport, device_report
 from ghal360_robot.logbook.handler import LogbookHandler
@@ -66,7 +66,6 @@ class Robot:
     """A robot of this configuration. `await run(stop)` from start to finish; the rest is for looking at it."""
 
     def __init__(self, config: RobotConfig, operator: Operator | None, record_to: Path) -> None:
-        require_transport(config.theta)
         self.config = config
         self.operator = operator
         self.record_to = record_to

@@ -8,6 +8,7 @@ import math
 import os
 import time
 from contextlib import AsyncExitStack
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, BinaryIO
 
@@ -21,16 +22,17 @@ from drivers.rmp110.device.config import Rmp110Config
 from drivers.rmp110.device.rmp110 import Rmp110
 from drivers.rmp110.device.state import LinkState
 from drivers.rmp110.transport.can_bus import CanTransport
-from drivers.theta_v.device.camera import ThetaV
+from drivers.theta_v.device.camera import ThetaV, TransportFactory
 from drivers.theta_v.device.config import ThetaConfig
 from drivers.theta_v.errors import ThetaError
+from drivers.theta_v.transport.libusb import LibUsbTransport
 from drivers.theta_v.transport.usbip import UsbIpTransport
 from drivers.tim571.device.config import TimConfig
 from drivers.tim571.device.probe import probe as probe_lidar
 from drivers.tim571.transport.tcp import TcpTransport
 from ghal360_robot.cli.address import split_address
 from ghal360_robot.errors import GhalError, UsageError
-from ghal360_robot.hardware.camera import NO_USB
+from ghal360_robot.hardware.camera import MODES
 from ghal360_robot.hardware.lidar import DIALECTS
 
 app = typer.Typer(help="Talk to one device: identity, state, a few seconds of data. Never moves anything.")
@@ -142,22 +144,26 @@ async def _probe_base(interface: str, channel: str, options: dict[str, Any], sec
 
 @app.command("theta-v")
 def theta_v(
-    usbip: Annotated[str | None, typer.Option(help="HOST:PORT of a USB/IP server with the camera")] = None,
+    usbip: Annotated[str | None, typer.Option(help="HOST:PORT of a USB/IP server; without, this machine's USB")] = None,
     serial: Annotated[str | None, typer.Option(help="Eight digits on the camera; without, the only one")] = None,
+    mode: Annotated[str, typer.Option(help="2k or 4k")] = "2k",
     seconds: Seconds = 3.0,
     save: Annotated[Path | None, typer.Option(help="Write the access units as received to this .h264 file")] = None,
     as_json: Json = False,
 ) -> None:
     """Identity, picture size, rate, bit rate and damage of the live stream.
 
-    Example: ghal360 probe theta-v --usbip 127.0.0.1:3240
+    A camera in still or video mode is woken and switched to live mode.
+    Example: ghal360 probe theta-v --mode 4k
     """
-    if usbip is None:
-        raise UsageError(NO_USB)
-    host, port = split_address(usbip)
+    if mode not in MODES:
+        raise UsageError(f"--mode is one of {', '.join(MODES)}, not '{mode}'")
+    factory: TransportFactory = LibUsbTransport
+    if usbip is not None:
+        factory = partial(UsbIpTransport, *split_address(usbip))
     try:
         with open(save or os.devnull, "wb") as file:  # noqa: PTH123 - the null device where nothing is kept
-            values = asyncio.run(_probe_camera(host, port, serial, seconds, file))
+            values = asyncio.run(_probe_camera(factory, ThetaConfig(mode=MODES[mode], serial=serial), seconds, file))
     except OSError as error:
         if isinstance(error, ThetaError):
             raise
@@ -165,11 +171,11 @@ def theta_v(
     _show(values, as_json)
 
 
-async def _probe_camera(host: str, port: int, serial: str | None, seconds: float, file: BinaryIO) -> dict[str, Any]:
+async def _probe_camera(
+    factory: TransportFactory, config: ThetaConfig, seconds: float, file: BinaryIO
+) -> dict[str, Any]:
     async with AsyncExitStack() as stack:
-        camera = await stack.enter_async_context(
-            ThetaV(lambda: UsbIpTransport(host, port), ThetaConfig(serial=serial), once=True)
-        )
+        camera = await stack.enter_async_context(ThetaV(factory, config, once=True))
         pictures = keyframes = size = 0
         until = time.monotonic() + seconds
         units = camera.access_units()

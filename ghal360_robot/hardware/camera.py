@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from contextlib import AsyncExitStack
+from functools import partial
 from typing import TYPE_CHECKING
 
-from drivers.theta_v.device.camera import ThetaV
+from drivers.theta_v.device.camera import ThetaV, TransportFactory
 from drivers.theta_v.device.config import Mode, ThetaConfig
+from drivers.theta_v.transport.libusb import LibUsbTransport
 from drivers.theta_v.transport.usbip import UsbIpTransport
-from ghal360_robot.errors import GhalError
 from ghal360_robot.hardware.link_stats import link_stats
 
 if TYPE_CHECKING:
@@ -18,18 +19,14 @@ if TYPE_CHECKING:
     from ghal360_robot.messages import LinkStats
     from ghal360_robot.perception.decode import PictureDecoder
 
-NO_USB = (
-    "the THETA V over USB is not in this version: streaming needs isochronous libusb, which is still to be built. "
-    'Set theta.transport = "usbip" and name a USB/IP server, or use --sim'
-)
-
 MODES = {"2k": Mode.TWO_K, "4k": Mode.FOUR_K}
 
 
-def require_transport(config: ThetaSection) -> None:
-    """Raises GhalError for a transport that this version does not have."""
-    if config.transport != "usbip":
-        raise GhalError(NO_USB)
+def transport_factory(config: ThetaSection) -> TransportFactory:
+    """Where the configured camera is: on this machine's USB, or at a USB/IP server."""
+    if config.transport == "usb":
+        return LibUsbTransport
+    return partial(UsbIpTransport, config.host, config.port)
 
 
 class CameraInput:
@@ -41,7 +38,7 @@ class CameraInput:
         self._decoder = decoder
         self._recorder = recorder
         self._camera = ThetaV(
-            lambda: UsbIpTransport(config.host, config.port),
+            transport_factory(config),
             ThetaConfig(mode=MODES[config.resolution], serial=config.serial or None),
             on_access_unit=self._record,
         )

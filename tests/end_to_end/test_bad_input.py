@@ -88,9 +88,12 @@ def test_an_unknown_detector(one_sentence: Callable[..., None], tmp_path: Path) 
     one_sentence(["config", "check", path], 2, "yolo", "painted")
 
 
-def test_a_real_camera_that_this_version_cannot_reach(one_sentence: Callable[..., None], tmp_path: Path) -> None:
-    one_sentence(["run", "--record", tmp_path / "runs"], 1, "not in this version")
-    assert not (tmp_path / "runs").exists()
+def test_a_camera_that_is_not_on_usb(one_sentence: Callable[..., None]) -> None:
+    one_sentence(["probe", "theta-v", "--serial", "00000000"], 1, "USB")
+
+
+def test_an_unknown_camera_mode(one_sentence: Callable[..., None]) -> None:
+    one_sentence(["probe", "theta-v", "--mode", "8k"], 2, "8k")
 
 
 def test_a_robot_whose_devices_are_away_says_which(one_sentence: Callable[..., None], tmp_path: Path) -> None:
