@@ -12,6 +12,8 @@ FrameSink = Callable[[int, Frame], None]
 """Called in the event loop with the stamp of reception (`time.monotonic_ns`) and a standard data frame."""
 LossSink = Callable[[str], None]
 """Called once in the event loop, with the reason, when the bus is no longer usable."""
+Guard = Callable[[Frame], str | None]
+"""Why a frame must not reach the wire, or None (see `codec.whitelist`)."""
 WarningSink = Callable[[str], None]
 """Called in the event loop with a sentence when the bus still works and is in trouble."""
 

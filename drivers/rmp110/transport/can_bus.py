@@ -16,7 +16,7 @@ import can
 from drivers.rmp110.codec.frames import FILTER_ID, FILTER_MASK, Frame
 from drivers.rmp110.codec.whitelist import forbidden
 from drivers.rmp110.errors import RmpForbiddenFrame, RmpLinkError, RmpSendDropped
-from drivers.rmp110.transport.base import FrameSink, LossSink, TransportStats, WarningSink
+from drivers.rmp110.transport.base import FrameSink, Guard, LossSink, TransportStats, WarningSink
 from drivers.rmp110.transport.bus_health import BusHealth
 from drivers.rmp110.transport.bus_lock import BusLock
 from drivers.rmp110.transport.error_frames import parse_error_frame
@@ -37,7 +37,7 @@ class CanTransport:
 
     With `exclusive` nobody else who asks for the same bus gets it, on this machine; `lock_dir` says where the
     lock files are (see `bus_lock`). `on_warning` is told, in the event loop, when the bus works and is in trouble;
-    without one that goes to the log.
+    without one that goes to the log. `guard` has the last word on every frame; only dialect B1 needs another one.
     """
 
     def __init__(
@@ -48,6 +48,7 @@ class CanTransport:
         exclusive: bool = True,
         lock_dir: Path | None = None,
         on_warning: WarningSink = log.warning,
+        guard: Guard = forbidden,
         **options: Any,
     ) -> None:
         self.interface = interface
@@ -55,6 +56,7 @@ class CanTransport:
         self._exclusive = exclusive
         self._lock_dir = lock_dir
         self._on_warning = on_warning
+        self._guard = guard
         self._options = options
         self._sending = threading.Lock()
         self._bus: can.BusABC | None = None
@@ -99,7 +101,7 @@ class CanTransport:
 
     def send(self, frame: Frame) -> None:
         """See `Transport.send`; from any thread, and never longer than the kernel needs to take or refuse a frame."""
-        reason = forbidden(frame)
+        reason = self._guard(frame)
         if reason is not None:
             raise RmpForbiddenFrame(f"stopped right before the wire: {reason}")
         message = can.Message(arbitration_id=frame.can_id, data=frame.data, is_extended_id=False)
