@@ -73,16 +73,22 @@ class SubjectProcess:
         await self._process.wait()
 
     @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    @property
     def alive(self) -> bool:
         return self._process.returncode is None
 
     async def order(self, order: Order) -> int:
         """Have the order carried out; the instant it was. Raises SubjectError."""
         self._write(order.value)
-        try:
-            return await asyncio.wait_for(self._struck.get(), ANSWER_S)
-        except TimeoutError:
-            raise SubjectError(f"the robot's process did not carry out '{order}': {self.last_words()}") from None
+        answer = asyncio.create_task(self._struck.get())
+        await asyncio.wait({answer, self._hearing}, timeout=ANSWER_S, return_when=asyncio.FIRST_COMPLETED)
+        if answer.done():
+            return answer.result()
+        answer.cancel()
+        raise SubjectError(f"the robot's process did not carry out '{order}': {self.last_words()}")
 
     def send_signal(self, number: signal.Signals) -> int:
         """Send a signal; the instant before."""

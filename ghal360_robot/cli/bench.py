@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import signal
 import time
 from typing import Annotated, Any
 
@@ -38,7 +39,10 @@ def stop(
     causes = _causes(cause or [])
     console = Console(stderr=True, highlight=False, soft_wrap=True, quiet=as_json)
     began = time.monotonic()
-    results = asyncio.run(_stops(causes, repeat, console))
+    try:
+        results = asyncio.run(_stops(causes, repeat, console))
+    except asyncio.CancelledError:
+        raise GhalError("interrupted before every stop was measured") from None
     failed = [result.cause.name for result in results if not result.passed]
     if as_json:
         summary: dict[str, Any] = {
@@ -50,7 +54,7 @@ def stop(
         }
         print(json.dumps(summary))
     else:
-        Console(highlight=False).print(_stop_table(results))
+        Console(highlight=False).print(_stop_table(results), "", "the robot said", _remarks(results))
     if failed:
         raise GhalError(
             f"{len(failed)} of {len(results)} causes did not stop the robot in time: {', '.join(failed)}. "
@@ -89,6 +93,8 @@ def _causes(names: list[str]) -> list[stopping.Cause]:
 
 
 async def _stops(causes: list[stopping.Cause], repeat: int, console: Console) -> list[stopping.Result]:
+    # As Ctrl-C does: leave in order, with the measured process ended and its folder removed.
+    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, _this_task().cancel)
     results = []
     for cause in causes:
         samples = []
@@ -100,24 +106,34 @@ async def _stops(causes: list[stopping.Cause], repeat: int, console: Console) ->
     return results
 
 
+def _this_task() -> asyncio.Task[Any]:
+    task = asyncio.current_task()
+    if task is None:
+        raise RuntimeError("not in a task")
+    return task
+
+
 def _stop_table(results: list[stopping.Result]) -> Table:
-    table = Table(box=None, padding=(0, 2))
-    table.add_column("cause")
-    for name in ("zero on the wire", "at most", "standstill", "at most"):
-        table.add_column(name, justify="right")
-    table.add_column("")
-    table.add_column("the robot said")
+    table = Table(box=None, padding=(0, 1), caption="milliseconds from the cause, at the base", caption_justify="left")
+    table.add_column("cause", no_wrap=True)
+    for name in ("to zero", "worst", "limit", "standstill", "worst", "limit"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("", no_wrap=True)
     for result in results:
-        to_zero, to_standstill = result.limits_ms
-        table.add_row(
-            result.cause.words,
-            _ms(result.to_zero_ms),
-            f"{to_zero:.0f} ms",
-            _ms(result.to_standstill_ms),
-            f"{to_standstill:.0f} ms",
-            "ok" if result.passed else "[bold red]too late[/]",
-            escape(_shortened(next((sample.remarks[0] for sample in result.samples if sample.remarks), "nothing"))),
-        )
+        values: list[str] = []
+        columns = (result.to_zero_ms, result.to_standstill_ms)
+        for measured, limit in zip(columns, result.limits_ms, strict=True):
+            values += (_ms(stopping.median(measured)), _ms(stopping.worst(measured)), _ms(limit))
+        table.add_row(result.cause.words, *values, "ok" if result.passed else "[bold red]too late[/]")
+    return table
+
+
+def _remarks(results: list[stopping.Result]) -> Table:
+    """What the robot said about each stop."""
+    table = Table(box=None, padding=(0, 1), show_header=False)
+    for result in results:
+        said = dict.fromkeys(remark for sample in result.samples for remark in sample.remarks)
+        table.add_row(result.cause.words, "\n".join(escape(remark) for remark in said) or "(nothing)")
     return table
 
 
@@ -139,13 +155,5 @@ def _tick_table(cost: ticking.TickCost) -> Table:
     return table
 
 
-def _ms(values: list[float | None]) -> str:
-    """Median and, of several, the worst."""
-    median, worst = stopping.median(values), stopping.worst(values)
-    if median is None or worst is None:
-        return "never"
-    return f"{median:.0f} ms" if len(values) == 1 else f"{median:.0f} ms, worst {worst:.0f} ms"
-
-
-def _shortened(text: str) -> str:
-    return text if len(text) <= 60 else text[:59] + "…"
+def _ms(value: float | None) -> str:
+    return "never" if value is None else f"{value:.0f}"

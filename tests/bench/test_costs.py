@@ -1,0 +1,56 @@
+"""The tick's cost and the CAN reader's throughput, on small samples."""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import json
+import sys
+
+import pytest
+
+from ghal360_robot.bench import can_feedback, tick
+from ghal360_robot.cli import bench as cli
+from ghal360_robot.errors import GhalError
+
+
+def test_a_tick_keeps_its_budget_and_leaves_the_interpreter_as_it_was() -> None:
+    before = sys.getswitchinterval(), gc.get_freeze_count()
+    cost = tick.measure(2000)
+    assert (sys.getswitchinterval(), gc.get_freeze_count()) == before
+    assert cost.total.p50_us <= tick.LIMIT_MS * 1e3  # the percentiles beyond are for a quiet machine
+    for part in (cost.decode, cost.chain, cost.encode, cost.floor):
+        assert 0 < part.p50_us <= part.p99_us <= part.max_us
+    assert cost.ratio > 1
+
+
+def test_the_measured_ticks_are_those_of_a_driving_robot() -> None:
+    ticker = tick.Ticker()
+    moved = [ticker.tick()[1] for _ in range(tick.WARM_UP + 100)]
+    assert not moved[0]
+    assert all(moved[tick.WARM_UP :])
+
+
+@pytest.mark.parametrize("as_json", [False, True])
+def test_the_command_prints_the_parts(as_json: bool, capsys: pytest.CaptureFixture[str]) -> None:
+    with contextlib.suppress(GhalError):  # on a busy machine
+        cli.tick(1000, as_json)
+    out = capsys.readouterr().out
+    assert all(part in out for part in ("decode", "chain", "encode", "floor"))
+    assert not as_json or json.loads(out.splitlines()[-1])["ticks"] == 1000
+
+
+@pytest.mark.parametrize(("interface", "seconds"), [("virtual", 2), ("socketcand", 5)])
+def test_the_reader_loses_nothing_of_a_hundred_full_packets_a_second(interface: str, seconds: int) -> None:
+    run = can_feedback.measure(interface, seconds)
+    assert run.polls == 100 * seconds
+    assert run.passed, run.to_json()
+    assert 0 < run.reader_cpu < 0.5
+
+
+def test_a_run_with_losses_does_not_pass() -> None:
+    whole = can_feedback.FeedbackRun("virtual", 1.0, 100, 100, 0, 0, 0, 0.1, 0.1)
+    assert whole.passed
+    assert not can_feedback.FeedbackRun("virtual", 1.0, 100, 99, 1, 0, 0, 0.1, 0.1).passed
+    assert not can_feedback.FeedbackRun("virtual", 1.0, 100, 100, 0, 1, 0, 0.1, 0.1).passed
+    assert not can_feedback.FeedbackRun("virtual", 1.0, 0, 0, 0, 0, 0, 0.1, 0.1).passed
