@@ -1,5 +1,9 @@
 """What the inner half of a control tick costs on one core: feedback in, safety chain, motion frame out.
 
+`decode` is eleven CAN frames to a BaseState; `chain` is that, and a new scan where there is one, to the
+board, a snapshot with every input's freshness, and the safety chain; `encode` is a twist to a motion frame
+that passed the whitelist.
+
 The base is the simulated one, the scans are of the simulated office, the code is the robot's own. Costs
 are this thread's CPU time, so that other programs do not count; every tick is followed by an empty turn
 of the event loop, so that the ratio of the two can be compared between machines.
@@ -36,7 +40,7 @@ from ghal360_robot.board import LIDAR_HZ, make_board
 from ghal360_robot.config import RobotConfig
 from ghal360_robot.errors import GhalError
 from ghal360_robot.hardware.base import base_state
-from ghal360_robot.messages import ArmState, BaseState, HeadPose, Inputs, LidarScan, OperatorInput, Pose2, Twist
+from ghal360_robot.messages import ArmState, BaseState, HeadPose, LidarScan, OperatorInput, Pose2, Twist
 from ghal360_robot.robot import SWITCH_INTERVAL_S
 from ghal360_robot.safety.chain import SafetyState
 from ghal360_robot.simulation.view import lidar_view
@@ -168,31 +172,28 @@ class Ticker:
     def tick(self) -> tuple[tuple[int, int, int], bool]:
         """Nanoseconds of decode, chain and encode; and whether motion was let through."""
         self.now_ns += TICK_NS
-        frames = self._surroundings()
+        frames, scan = self._surroundings()
         began = time.thread_time_ns()
         state = self._decoder.decode(self.now_ns, frames)
         decoded = time.thread_time_ns()
         self._board.put_base(state)
-        inputs = self._inputs()
-        looked = time.thread_time_ns()
+        if scan is not None:
+            self._board.put_scan(scan, self.now_ns)
+        armed = self._state.arming.state is ArmState.ARMED
+        inputs = self._board.snapshot(self.now_ns, self._count, armed=armed)
         self._state, applied = self._safety.step(self._state, inputs, WANTED)
         judged = time.thread_time_ns()
         self._next = encode(applied.twist, self._decoder.identity.scale)
         encoded = time.thread_time_ns()
         self._count += 1
         moved = applied.arm is ArmState.ARMED and applied.twist != Twist()
-        return (decoded - began, judged - looked, encoded - judged), moved
+        return (decoded - began, judged - decoded, encoded - judged), moved
 
-    def _inputs(self) -> Inputs:
-        armed = self._state.arming.state is ArmState.ARMED
-        return self._board.snapshot(self.now_ns, self._count, armed=armed)
-
-    def _surroundings(self) -> tuple[Frame, ...]:
-        """What happens between two ticks: base, lidar, camera and operator do their part."""
+    def _surroundings(self) -> tuple[tuple[Frame, ...], LidarScan | None]:
+        """What happens between two ticks: the base answers, and there may be a new scan, picture or message."""
         frames = self._model.receive(self.now_ns, self._next)
         before, now = (int(tick * LIDAR_HZ / TICKS_PER_S) for tick in (self._count - 1, self._count))
-        if now != before:
-            self._board.put_scan(_stamped(self._scans[now % SCANS], self.now_ns, now), self.now_ns)
+        scan = None if now == before else _stamped(self._scans[now % SCANS], self.now_ns, now)
         self._board.put_picture(self.now_ns)
         if self._count % OPERATOR_EVERY == 0:
             armed = self._state.arming.state is ArmState.ARMED
@@ -200,7 +201,7 @@ class Ticker:
             self._board.put_operator(
                 OperatorInput(self.now_ns, HeadPose(), deadman=True, stick=WANTED, arm_presses=self._presses)
             )
-        return frames
+        return frames, scan
 
 
 def _scans() -> list[LidarScan]:

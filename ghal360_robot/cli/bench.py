@@ -144,9 +144,9 @@ def _tick_table(cost: ticking.TickCost) -> Table:
         table.add_column(name, justify="right")
     rows = (
         ("decode: 11 frames to base state", cost.decode),
-        ("safety chain: 811 beams", cost.chain),
+        ("chain: freshness, safety, 811 beams", cost.chain),
         ("encode: motion frame, whitelist", cost.encode),
-        (f"together, p99 at most {ticking.LIMIT_MS:g} ms", cost.total),
+        (f"together; p99 at most {ticking.LIMIT_MS:g} ms", cost.total),
         ("floor: an empty turn of the event loop", cost.floor),
     )
     for name, spread in rows:
