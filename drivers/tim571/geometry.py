@@ -48,6 +48,22 @@ def beam_yaw(start_1e4deg: int, step_1e4deg: int, count: int) -> NDArray[np.floa
     return _frozen(np.radians(degrees))
 
 
+@lru_cache(maxsize=16)
+def beam_lags_s(start_1e4deg: int, step_1e4deg: int, count: int, rate_hz: float) -> NDArray[np.float32]:
+    """(count,) seconds from the last beam of the revolution (at 225 degrees) to each beam, zero or negative.
+
+    The mirror turns evenly: 61.7 us a beam at 15 Hz, 50 ms for all 811; not writeable.
+    """
+    yaw = beam_yaw(start_1e4deg, step_1e4deg, count).astype(np.float64)
+    last = math.radians(LAST_ANGLE_1E4DEG / 10_000 - _AHEAD_DEG)
+    return _frozen((yaw - last) / (math.tau * rate_hz))
+
+
+def sweep_s(rate_hz: float) -> float:
+    """From the first beam to the last of a whole revolution: 50 ms at 15 Hz."""
+    return (LAST_ANGLE_1E4DEG - FIRST_ANGLE_1E4DEG) / 3_600_000 / rate_hz
+
+
 def beam_index(angle_1e4deg: int) -> int:
     """The beam nearest to a device angle; may lie outside 0..810."""
     return math.floor((angle_1e4deg - FIRST_ANGLE_1E4DEG) * BEAMS_PER_DEGREE / 10_000 + 0.5)

@@ -68,6 +68,14 @@ _MEANINGS = {
 }
 
 
+def named(code: int) -> Fault | int:
+    """The code by its name, or as it is where no source lists it."""
+    try:
+        return Fault(code)
+    except ValueError:
+        return code
+
+
 def meaning(code: int) -> str:
     """What the device wants to say with `sFA <code>`, as a clause."""
     try:

@@ -1,7 +1,8 @@
 """Reading and writing telegram parameters in either dialect, so that each telegram is described once.
 
-A layout is a string of `struct` letters (`B H I` unsigned, `h i` signed, `f` float32) and `S`, a string with
-its length in front. CoLa-A writes each letter as one blank-separated token, CoLa-B as big-endian bytes.
+A layout is a string of `struct` letters (`B H I` unsigned, `h i` signed, `f` float32), `S`, a string with its
+length in front, and `R`, whatever is left, as bytes. CoLa-A writes each letter as one blank-separated token,
+CoLa-B as big-endian bytes.
 """
 
 from __future__ import annotations
@@ -47,11 +48,17 @@ class Reader(Protocol):
     def rest(self) -> bytes:
         """What has not been taken yet."""
 
+    @property
+    def canonical(self) -> bool:
+        """Whether all samples so far were spelt as a device spells them."""
+
 
 class BinaryReader:
     """CoLa-B parameters: packed, big-endian, nothing in between."""
 
     __slots__ = ("_at", "_body")
+
+    canonical = True  # there is one way only to write a number
 
     def __init__(self, body: bytes) -> None:
         self._body = body
@@ -87,11 +94,12 @@ class BinaryReader:
 class TextReader:
     """CoLa-A parameters: blank-separated tokens, except that a string may hold blanks."""
 
-    __slots__ = ("_at", "_body")
+    __slots__ = ("_at", "_body", "canonical")
 
     def __init__(self, body: bytes) -> None:
         self._body = body
         self._at = 0
+        self.canonical = True
 
     def take(self, layout: str) -> tuple[Any, ...]:
         return tuple(_number(self._token(), letter) for letter in layout)
@@ -116,7 +124,8 @@ class TextReader:
         return text.decode("latin-1")
 
     def samples(self, count: int, letter: str) -> Samples:
-        values, self._at = hexwords.parse(self._body, self._at, count, _SAMPLE[letter])
+        values, self._at, canonical = hexwords.parse(self._body, self._at, count, _SAMPLE[letter])
+        self.canonical &= canonical
         return values.astype(_SAMPLE[letter], copy=False)
 
     @property
@@ -273,6 +282,8 @@ def unpack(dialect: Dialect, body: bytes, layout: str) -> tuple[Any, ...]:
     source = reader(dialect, body)
     values: list[Any] = []
     for letter in layout:
+        if letter == "R":
+            return (*values, source.rest)
         values += (source.string(),) if letter == "S" else source.take(letter)
     if source.rest:
         raise TimMalformedError("more parameters than expected", Fault.BUFFER_OVERFLOW)
@@ -285,6 +296,8 @@ def pack(dialect: Dialect, layout: str, *values: Any) -> bytes:
     for letter, value in zip(layout, values, strict=True):
         if letter == "S":
             sink.string(value)
+        elif letter == "R":
+            sink.raw(value)
         else:
             sink.put(letter, value)
     return sink.body()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,21 +12,32 @@ from drivers.tim571.errors import TimMalformedError
 
 _BLANK = 0x20
 _NOT_HEX = 0x80
+_LOWER = 0x40
 _DIGITS = np.full(256, _NOT_HEX, np.uint8)
-for _value, _pair in enumerate(zip("0123456789abcdef", "0123456789ABCDEF", strict=True)):
-    for _character in _pair:
-        _DIGITS[ord(_character)] = _value
+for _value, _character in enumerate(b"0123456789ABCDEF"):
+    _DIGITS[_character] = _value
+for _character in b"abcdef":
+    _DIGITS[_character] = _LOWER | int(chr(_character), 16)
 
 
-def parse(text: bytes, start: int, count: int, dtype: type[np.uint8 | np.uint16]) -> tuple[NDArray[np.uint16], int]:
-    """Read `count` blank-separated hex numbers from `text[start:]`; return them and where the next token starts.
+class Words(NamedTuple):
+    """Numbers read, where the token behind them starts, and whether they were spelt as a device spells them."""
+
+    values: NDArray[np.uint16]
+    end: int
+    canonical: bool
+    """Upper-case and without leading zeros; a damaged digit often is neither."""
+
+
+def parse(text: bytes, start: int, count: int, dtype: type[np.uint8 | np.uint16]) -> Words:
+    """Read `count` blank-separated hex numbers from `text[start:]`.
 
     Raises TimMalformedError where there are fewer, or one is no hex number or too wide for `dtype`.
     """
     widest = 2 * np.dtype(dtype).itemsize
     values = np.zeros(count, np.uint16)
     if not count:
-        return values, start
+        return Words(values, start, canonical=True)
     window = np.frombuffer(text, np.uint8)[start : start + count * (widest + 1)]
     ends = np.flatnonzero(window == _BLANK)[:count]
     if len(ends) < count:
@@ -43,9 +56,14 @@ def parse(text: bytes, start: int, count: int, dtype: type[np.uint8 | np.uint16]
         digit = np.where(widths > place, digits[ends - 1 - place], 0)
         bad |= int(digit.max())
         values |= digit.astype(np.uint16) << np.uint16(4 * place)
-    if bad & _NOT_HEX:
-        raise TimMalformedError("a sample is not a hex number", Fault.INVALID_CHARACTER)
-    return values, start + int(ends[-1]) + 1
+    if bad >= _LOWER:
+        if bad & _NOT_HEX:
+            raise TimMalformedError("a sample is not a hex number", Fault.INVALID_CHARACTER)
+        again = parse(text[: start + len(window)].upper(), start, count, dtype)
+        return again._replace(canonical=False)
+    end = int(ends[-1]) + 1
+    shortest = 2 * count + sum(int(np.count_nonzero(values >= 1 << 4 * place)) for place in range(1, widest))
+    return Words(values, start + end, canonical=end == shortest)
 
 
 def build(values: NDArray[np.unsignedinteger]) -> bytes:

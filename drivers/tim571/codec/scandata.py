@@ -104,6 +104,8 @@ class ScanData:
     event: Event | None = None
     trailing: bytes = b""
     """What followed that this description does not know."""
+    canonical: bool = True
+    """Whether the samples were spelt as a device spells them; in CoLa-B there is one way only."""
 
     def channel(self, tag: str) -> Channel | None:
         """The first channel of that name."""
@@ -148,6 +150,7 @@ def decode(telegram: Telegram) -> ScanData:
         clock=Clock(*source.take("HBBBBBI")) if _flag(source) else None,
         event=Event(source.tag(4), *source.take("IIi")) if _flag(source) else None,
         trailing=source.rest,
+        canonical=source.canonical,
     )
 
 

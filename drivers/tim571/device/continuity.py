@@ -35,9 +35,10 @@ class Continuity:
         count, tick, arrival = before
         elapsed_us = (arrival_ns - arrival) // 1000
         apart = (ticks_between(tick, tick_us) - elapsed_us) % TICKS
-        if min(apart, TICKS - apart) > RESTART_S * 1e6:
-            return Step(restarted=True)
         counts = (scan_counter - count) % COUNTS
+        backwards = ticks_between(tick, tick_us) > TICKS - RESTART_S * 1e6 and counts != 0
+        if backwards or min(apart, TICKS - apart) > RESTART_S * 1e6:
+            return Step(restarted=True)
         if counts == 0 or counts >= COUNTS // 2:
             self._before = before
             return Step(repeated=True)

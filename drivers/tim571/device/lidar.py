@@ -10,21 +10,24 @@ from types import TracebackType
 from typing import Self
 
 from drivers.tim571.codec import scandata
+from drivers.tim571.codec.answers import DeviceState
 from drivers.tim571.codec.deframer import Damage
 from drivers.tim571.codec.dialect import Dialect
+from drivers.tim571.codec.plausibility import Plausibility
 from drivers.tim571.codec.telegram import Telegram
 from drivers.tim571.device import startup
-from drivers.tim571.device.clock import ArrivalClock
+from drivers.tim571.device.clock import DeviceClock
 from drivers.tim571.device.config import TimConfig
 from drivers.tim571.device.continuity import Continuity
-from drivers.tim571.device.scan import Scan, has_ranges, scan_of
+from drivers.tim571.device.scan import DeviceStatus, Scan, has_ranges, scan_of
 from drivers.tim571.device.session import Listeners, Session
-from drivers.tim571.device.stats import DeviceState, Identity, LinkState, Rate, TimStats
-from drivers.tim571.errors import TimError, TimMalformedError, TimTimeoutError
+from drivers.tim571.device.stats import Identity, LinkState, Rate, TimStats
+from drivers.tim571.errors import TimError, TimMalformedError, TimRefusedError, TimTimeoutError
 from drivers.tim571.geometry import SCAN_RATE_HZ
 from drivers.tim571.transport import Transport
 
 WATCH_S = 0.1  # how soon a silent or restarted device is noticed beyond its timeout
+SETUP_AGAIN_S = 10.0  # a device whose ticks jump all the time, such as a player of recordings, is not asked each time
 IDLE_PERIODS = 3  # a device told to send every n-th scan may stay silent for this many of its periods
 
 OnTelegram = Callable[[int, bytes], None]
@@ -52,19 +55,25 @@ class TiM571:
         self._listeners = Listeners(on_telegram or (lambda _stamp_ns, _frame: None), self._event, self._damage)
         self._mailboxes: set[_Mailbox] = set()
         self._task: asyncio.Task[None] | None = None
-        self._dialect = self.config.dialect or Dialect.A  # as delivered; the one that worked last comes first
-        self._clock = ArrivalClock()
+        self._dialect = self.config.dialect or self.config.dialects[0]  # the one that worked last comes first
+        self._switched = False
+        self._clock = DeviceClock()
         self._continuity = Continuity()
+        self._plausibility = Plausibility()
+        self._doubts: tuple[str, ...] = ()
         self._rate = Rate()
         self._state = LinkState.CLOSED
         self._detail = "not opened yet"
         self._identity: Identity | None = None
         self._latest: Scan | None = None
         self._trouble = ""
+        self._warning = ""
         self._restarted = False
+        self._set_up_again_ns = -round(SETUP_AGAIN_S * 1e9)
         self._fresh = False
         self._connections = 0
-        self._received = self._lost = self._repeated = self._damaged = self._dropped = self._restarts = 0
+        self._received = self._lost = self._repeated = self._dropped = self._restarts = 0
+        self._damaged = self._implausible = 0
 
     @property
     def stats(self) -> TimStats:
@@ -77,11 +86,16 @@ class TiM571:
             lost=self._lost,
             repeated=self._repeated,
             damaged=self._damaged,
+            implausible=self._implausible,
+            doubts=self._doubts,
             dropped=self._dropped,
             reconnects=max(0, self._connections - 1),
             restarts=self._restarts,
             rate_hz=self._rate.hz if self._state is LinkState.STREAMING else 0.0,
             last_ns=self._latest.arrival_ns if self._latest else None,
+            status=self._latest.status if self._latest else DeviceStatus.OK,
+            clock=self._clock.state,
+            warning=self._warning,
         )
 
     @property
@@ -130,18 +144,19 @@ class TiM571:
         For a single look at the device (`probe`); the context manager repeats it for ever.
         """
         self._go(LinkState.CONNECTING, f"{self._trouble} Trying now." if self._trouble else "connecting")
-        session = await startup.connect(self._make_transport, self._dialects(), self.config, self._listeners)
-        try:
+        while True:
+            session = await startup.connect(self._make_transport, self._dialects(), self.config, self._listeners)
+            self._plausibility = Plausibility()
             self._dialect = session.dialect
             self._connections += 1
-            while True:
-                await self._start(session)
-                await self._watch(session)
-        except asyncio.CancelledError:
-            await startup.unsubscribe(session, self.config)
-            raise
-        finally:
-            await session.close()
+            try:
+                while await self._start(session):
+                    await self._watch(session)
+            except asyncio.CancelledError:
+                await startup.unsubscribe(session, self.config)
+                raise
+            finally:
+                await session.close()
 
     async def _keep_alive(self) -> None:
         pause_s = self.config.backoff_first_s
@@ -153,41 +168,78 @@ class TiM571:
                 except TimError as error:
                     pause_s = self.config.backoff_first_s if self._fresh else pause_s
                     self._trouble = str(error)
+                    self._switched = False
                     self._go(LinkState.BACKOFF, f"{error} Trying again in {pause_s:g} s.")
                 await asyncio.sleep(pause_s)
                 pause_s = min(2 * pause_s, self.config.backoff_max_s)
         finally:
             self._go(LinkState.CLOSED, "closed")
 
-    async def _start(self, session: Session) -> None:
+    async def _start(self, session: Session) -> bool:
+        """Set the device up until its scans come; False if the connection has to be opened anew for that."""
         self._restarted = False
         self._rate.clear()
         self._go(LinkState.IDENTIFYING, f"{session.device} answers in {session.dialect}")
         self._identity = await startup.identify(session, self.config)
-        wanted, found = self.config.output, self._identity.output
         self._go(LinkState.CONFIGURING, f"{session.device} is a {self._identity.type or 'lidar without a name'}")
-        if wanted is not None and wanted != found:
-            await startup.configure(session, self.config, wanted)
-            self._identity = await startup.identify(session, self.config)
+        if not await self._configure(session, self._identity):
+            return False
         self._continuity.every = max(1, self._identity.output.every if self._identity.output else 1)
         await startup.subscribe(session, self.config)
         self._trouble = ""
         self._go(LinkState.STREAMING, f"{session.device} sends scans in {session.dialect}")
+        return True
+
+    async def _configure(self, session: Session, found: Identity) -> bool:
+        """What the configuration asks for, if anything; False if the device has changed its dialect."""
+        self._warning = ""
+        writes = startup.changes(self.config, found)
+        switching = bool(writes) and writes[-1].name == "EIHstCola"
+        if switching and self._switched:
+            self._warning = f"{session.device} was told to speak {self.config.switch_to} and still doesn't."
+            writes, switching = writes[:-1], False
+        if not writes:
+            return True
+        try:
+            await startup.configure(session, self.config, writes)
+        except TimRefusedError as error:
+            if self.config.insist:
+                raise
+            self._warning = f"{error} Its scans come as it is set."
+            return True
+        if switching:
+            self._switched = True
+            self._dialect = session.dialect.other
+            return False
+        self._identity = await startup.identify(session, self.config)
+        if startup.changes(self.config, self._identity):
+            self._warning = f"{session.device} took its settings but still has others; a TiM571 can't have every one."
+        return True
 
     async def _watch(self, session: Session) -> None:
         """Until the device restarts; raises when it falls silent or the connection ends."""
         started_ns = time.monotonic_ns()
+        damaged = self._damaged
         idle_s = max(self.config.idle_timeout_s, IDLE_PERIODS * self._continuity.every / SCAN_RATE_HZ)
         first_s = max(self.config.first_scan_timeout_s, idle_s)
-        while not self._restarted:
+        woken = ""
+        while True:
             await session.broken(min(WATCH_S, idle_s / 4))
             newest_ns = self._latest.arrival_ns if self._latest else 0
             began = newest_ns > started_ns
-            silent_s = (time.monotonic_ns() - max(newest_ns, started_ns)) / 1e9
+            now_ns = time.monotonic_ns()
+            silent_s = (now_ns - max(newest_ns, started_ns)) / 1e9
+            if self._restarted and now_ns - self._set_up_again_ns > SETUP_AGAIN_S * 1e9:
+                self._set_up_again_ns = now_ns
+                return
+            if not began and not woken and silent_s > min(self.config.wake_after_s, first_s / 2):
+                woken = await startup.wake(session, self.config)
             if silent_s > (idle_s if began else first_s):
-                raise TimTimeoutError(self._silence(session.device, began, silent_s))
+                if not began and self._damaged > damaged:
+                    self._dialect = session.dialect.other  # something comes that isn't in this one
+                raise TimTimeoutError(self._silence(session.device, began, silent_s, woken))
 
-    def _silence(self, device: str, began: bool, silent_s: float) -> str:
+    def _silence(self, device: str, began: bool, silent_s: float, woken: str) -> str:
         if began:
             return f"{device} stopped sending scans {silent_s:.1f} s ago."
         state = self._identity.state if self._identity else DeviceState.UNKNOWN
@@ -196,7 +248,8 @@ class TiM571:
             " switches the laser off",
             DeviceState.ERROR: "it says it has an error: power-cycle it, and have it serviced if that doesn't help",
         }
-        return f"{device} answers but sent no scan for {silent_s:.1f} s; {causes.get(state, 'power-cycle it')}."
+        cause = causes.get(state, f"{woken.rstrip('.')}; power-cycle it" if woken else "power-cycle it")
+        return f"{device} answers but sent no scan for {silent_s:.1f} s; {cause}."
 
     def _dialects(self) -> tuple[Dialect, ...]:
         if self.config.dialect is not None:
@@ -221,7 +274,13 @@ class TiM571:
             return
         if not has_ranges(data):
             return  # polled before the first revolution: all zero, counters and ticks included
-        step = self._continuity.observe(data.scan_counter, data.scan_tick_us, telegram.stamp_ns)
+        if doubts := self._plausibility.doubts(data):
+            self._damaged += 1
+            self._implausible += 1
+            self._doubts = tuple(sorted(doubts))
+            return
+        arrival_ns = telegram.stamp_ns
+        step = self._continuity.observe(data.scan_counter, data.scan_tick_us, arrival_ns)
         if step.repeated:
             self._repeated += 1
             return
@@ -230,8 +289,19 @@ class TiM571:
             self._restarted = True
             self._clock.reset()
         self._lost += step.lost
-        stamp_ns = self._clock.last_beam_ns(telegram.stamp_ns, data.scan_tick_us, data.transmit_tick_us)
-        self._publish(scan_of(data, stamp_ns, telegram.stamp_ns, telegram.frame))
+        tick_ns = self._clock.stamp_ns(arrival_ns, data.scan_tick_us, data.transmit_tick_us)
+        self._publish(
+            scan_of(
+                data,
+                tick_ns,
+                arrival_ns,
+                telegram.frame,
+                locked=self._clock.state.locked,
+                lost=step.lost,
+                tick_marks=self.config.tick_marks,
+                stamp_marks=self.config.stamp_marks,
+            )
+        )
 
     def _publish(self, scan: Scan) -> None:
         self._received += 1

@@ -3,20 +3,56 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.tim571.codec.scandata import Channel, ScanData
-from drivers.tim571.geometry import beam_yaw
+from drivers.tim571.geometry import SCAN_RATE_HZ, beam_lags_s, beam_yaw, sweep_s
 
 FIRST_RANGE_CODE = 16
 """Smaller samples are codes, not millimetres: 0 no echo, 1 dazzled, 2 invalid (fact sheet section 4)."""
 
 
+class Beam(Enum):
+    """A beam of the revolution that a time belongs to."""
+
+    FIRST = "first"
+    """At -45 degrees of device angle, the right-hand rear."""
+    LAST = "last"
+    """At 225 degrees, the left-hand rear, 50 ms later."""
+
+
+class DeviceStatus(Enum):
+    """The status word of a scan telegram (fact sheet section 4; pollution is from sister devices' manuals)."""
+
+    OK = 0
+    ERROR = 1
+    POLLUTION_WARNING = 2
+    POLLUTION_ERROR = 5
+    UNKNOWN = -1
+
+    @classmethod
+    def _missing_(cls, value: object) -> DeviceStatus:
+        return cls.UNKNOWN
+
+    def __str__(self) -> str:
+        return _STATUS_WORDS[self]
+
+
+_STATUS_WORDS = {
+    DeviceStatus.OK: "well",
+    DeviceStatus.ERROR: "error: do not trust its ranges; power-cycle it, and have it serviced if that doesn't help",
+    DeviceStatus.POLLUTION_WARNING: "its hood is getting dirty: clean it with a soft damp cloth",
+    DeviceStatus.POLLUTION_ERROR: "its hood is dirty and its ranges are not to be trusted: clean it now",
+    DeviceStatus.UNKNOWN: "a status that no manual lists",
+}
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Scan:
-    """One revolution; `stamp_ns` is the last beam on this machine's monotonic clock."""
+    """One revolution; `stamp_ns` is its last beam on this machine's monotonic clock, unless configured otherwise."""
 
     stamp_ns: int
     ranges: NDArray[np.float32]
@@ -38,6 +74,13 @@ class Scan:
     """Arrival of the telegram's first byte."""
     frame: bytes
     """The telegram exactly as received."""
+    offsets_s: NDArray[np.float32]
+    """(n,) seconds from the stamp to each beam: all zero or negative if the stamp is the last beam's."""
+    status: DeviceStatus = DeviceStatus.OK
+    lost: int = 0
+    """Revolutions missed between the scan before and this one."""
+    clock_locked: bool = False
+    """Whether the stamp comes from the fit to many arrivals, good to 0.2 ms, or from this telegram's arrival."""
 
 
 def has_ranges(data: ScanData) -> bool:
@@ -46,8 +89,21 @@ def has_ranges(data: ScanData) -> bool:
     return distance is not None and len(distance.samples) > 0
 
 
-def scan_of(data: ScanData, stamp_ns: int, arrival_ns: int, frame: bytes) -> Scan:
-    """The scan in a telegram that `has_ranges`."""
+def scan_of(
+    data: ScanData,
+    tick_ns: int,
+    arrival_ns: int,
+    frame: bytes,
+    *,
+    locked: bool = False,
+    lost: int = 0,
+    tick_marks: Beam = Beam.LAST,
+    stamp_marks: Beam = Beam.LAST,
+) -> Scan:
+    """The scan in a telegram that `has_ranges`, `tick_ns` being our time of its scan tick.
+
+    `tick_marks` is the beam at which the device takes its tick, `stamp_marks` the one that the stamp shall mean.
+    """
     distance = data.channel("DIST1")
     if distance is None:
         raise ValueError("the telegram has no distances")
@@ -55,10 +111,16 @@ def scan_of(data: ScanData, stamp_ns: int, arrival_ns: int, frame: bytes) -> Sca
     metres = _physical(distance) * np.float32(1e-3)
     # No scale that a device sends makes a range negative or endless; damage might.
     metres[(distance.samples < FIRST_RANGE_CODE) | ~(metres > 0) | np.isinf(metres)] = np.nan
+    beams = (distance.start_1e4deg, distance.step_1e4deg, len(distance.samples))
+    rate_hz = data.scan_frequency_chz / 100 or SCAN_RATE_HZ
+    sweep_ns = round(1e9 * sweep_s(rate_hz))
+    last_ns = tick_ns + (sweep_ns if tick_marks is Beam.FIRST else 0)
+    lags_s = beam_lags_s(*beams, rate_hz)
+    low, high = data.status
     return Scan(
-        stamp_ns=stamp_ns,
+        stamp_ns=last_ns if stamp_marks is Beam.LAST else last_ns - sweep_ns,
         ranges=metres,
-        yaw=beam_yaw(distance.start_1e4deg, distance.step_1e4deg, len(distance.samples)),
+        yaw=beam_yaw(*beams),
         codes=distance.samples,
         rssi=_physical(rssi) if rssi is not None and len(rssi.samples) == len(metres) else None,
         scan_counter=data.scan_counter,
@@ -68,6 +130,10 @@ def scan_of(data: ScanData, stamp_ns: int, arrival_ns: int, frame: bytes) -> Sca
         device_ok=data.status == (0, 0),
         arrival_ns=arrival_ns,
         frame=frame,
+        offsets_s=lags_s if stamp_marks is Beam.LAST else lags_s + np.float32(sweep_s(rate_hz)),
+        status=DeviceStatus(low | high << 8),
+        lost=lost,
+        clock_locked=locked,
     )
 
 

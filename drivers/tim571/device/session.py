@@ -7,10 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from drivers.tim571.codec import commands
+from drivers.tim571.codec import answers, commands
 from drivers.tim571.codec.deframer import Damage
 from drivers.tim571.codec.dialect import Dialect
 from drivers.tim571.codec.faults import meaning
+from drivers.tim571.codec.scandata import is_scan
 from drivers.tim571.codec.telegram import ANSWER_OF, FAULT, Receiver, Telegram
 from drivers.tim571.errors import (
     TimAnswerError,
@@ -20,6 +21,8 @@ from drivers.tim571.errors import (
     TimUnreachableError,
 )
 from drivers.tim571.transport import Transport
+
+_ANSWERS = frozenset(ANSWER_OF.values())  # not `sMA`: a method was accepted, and its answer is still to come
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +53,7 @@ class Session:
         self._listeners = listeners
         self._receiver = Receiver(dialect)
         self._question: _Question | None = None
+        self._unanswered = 0
         self._turn = asyncio.Lock()
         self._reader: asyncio.Task[None] | None = None
 
@@ -75,7 +79,7 @@ class Session:
             reader.result()
 
     async def request(self, request: Telegram, timeout_s: float) -> Telegram:
-        """Send a request and return the answer of that name, which may be `sFA`.
+        """Send a request and return the answer of that name, of whatever kind; `sFA` has none and answers any.
 
         Scans and other events that come in between go to their listener. Raises TimTimeoutError if the answer
         doesn't come in time and TimUnreachableError if the connection breaks.
@@ -91,13 +95,25 @@ class Session:
             finally:
                 self._question = None
             if question.answer.done():
+                self._unanswered = 0  # a device answers in order: what it left out it will not say any more
                 return question.answer.result()
             if reader.done():
                 reader.result()
+            self._unanswered += 1
             raise TimTimeoutError(f"{self.device} did not answer {request.kind} {request.name} within {timeout_s:g} s.")
 
     async def ask(self, request: Telegram, timeout_s: float) -> tuple[Any, ...]:
-        """As `request`, returning the answer's values; raises TimRefusedError for `sFA`."""
+        """As `request`, returning the answer's values.
+
+        Raises TimRefusedError for `sFA` and TimAnswerError for what is no answer to that request.
+        """
+        return commands.values_of(await self._good_answer(request, timeout_s))
+
+    async def answer(self, request: Telegram, timeout_s: float) -> Any:
+        """As `ask`, returning what the values mean (`answers.understand`)."""
+        return answers.understand(await self._good_answer(request, timeout_s))
+
+    async def _good_answer(self, request: Telegram, timeout_s: float) -> Telegram:
         answer = await self.request(request, timeout_s)
         what = f"{request.kind} {request.name}"
         try:
@@ -107,7 +123,9 @@ class Session:
         if answer.kind == FAULT:
             code: int = values[0]
             raise TimRefusedError(f"{self.device} refused {what}: {meaning(code)} (sFA {code:X}).", code)
-        return values
+        if answer.kind != ANSWER_OF[request.kind]:
+            raise TimAnswerError(f"{self.device} answered {what} with {answer.kind}, which answers something else.")
+        return answer
 
     def _running(self) -> asyncio.Task[None]:
         if self._reader is None:
@@ -129,8 +147,17 @@ class Session:
 
     def _sort(self, telegram: Telegram) -> None:
         question = self._question
-        awaited = question is not None and telegram.kind == question.kind and telegram.name == question.name
-        if question is not None and (awaited or telegram.kind == FAULT) and not question.answer.done():
-            question.answer.set_result(telegram)
-        else:
+        if question is None or question.answer.done() or not self._answers(telegram, question):
             self._listeners.on_event(telegram)
+        else:
+            question.answer.set_result(telegram)
+
+    def _answers(self, telegram: Telegram, question: _Question) -> bool:
+        if telegram.kind == FAULT:
+            if self._unanswered:  # it names nothing, so it may belong to a request that was given up
+                self._unanswered -= 1
+                return False
+            return True
+        if telegram.name != question.name or telegram.kind not in _ANSWERS:
+            return False
+        return telegram.kind == question.kind or not is_scan(telegram)

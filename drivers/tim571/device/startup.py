@@ -7,19 +7,21 @@ the laser is off, until `Run`).
 from __future__ import annotations
 
 from collections.abc import Callable
+from datetime import timedelta
 from typing import Any
 
 from drivers.tim571.codec import commands
 from drivers.tim571.codec.access import password_hash
-from drivers.tim571.codec.commands import OutputContent
+from drivers.tim571.codec.answers import DeviceIdent, DeviceState
 from drivers.tim571.codec.dialect import Dialect
+from drivers.tim571.codec.telegram import Telegram
 from drivers.tim571.device.config import TimConfig
 from drivers.tim571.device.session import Listeners, Session
-from drivers.tim571.device.stats import DeviceState, Identity
+from drivers.tim571.device.stats import Identity
 from drivers.tim571.errors import TimAnswerError, TimError, TimRefusedError, TimTimeoutError, TimUnreachableError
 from drivers.tim571.transport import Transport
 
-_HOURS_PER_COUNT = 0.1  # ODoprh
+MOST_SILENCES = 3  # questions in a row that a live device may not know how to refuse
 
 
 async def connect(
@@ -46,7 +48,7 @@ async def connect(
         else:
             return session
         await session.close()
-    spoken = " and ".join(str(dialect) for dialect in dialects)
+    spoken = " and ".join(sorted(str(dialect) for dialect in dialects))
     raise TimTimeoutError(
         f"{device} took the connection but {said} in {spoken}: after power-on it needs up to 30 s; if it stays so,"
         " power-cycle it, and check that the address belongs to the lidar."
@@ -54,53 +56,104 @@ async def connect(
 
 
 async def identify(session: Session, config: TimConfig) -> Identity:
-    """What the device says about itself; what it refuses to say is left out."""
+    """What the device says about itself; what it refuses to say or passes over is left out.
 
-    async def told(name: str) -> tuple[Any, ...]:
+    Raises TimTimeoutError if it falls silent.
+    """
+    silent = 0
+
+    async def told(name: str) -> Any:
+        nonlocal silent
         try:
-            return await session.ask(commands.read(session.dialect, name), config.answer_timeout_s)
+            answer = await session.answer(commands.read(session.dialect, name), config.answer_timeout_s)
         except (TimRefusedError, TimAnswerError):
-            return ()
+            answer = None
+        except TimTimeoutError:
+            silent += 1
+            if silent >= MOST_SILENCES:
+                raise
+            return None
+        silent = 0
+        return answer
 
-    kind = await told("DeviceIdent") or await told("0") or ("", "")
-    firmware, serial, name = await told("FirmwareVersion"), await told("SerialNumber"), await told("LocationName")
-    state, hours, power_ons = await told("SCdevicestate"), await told("ODoprh"), await told("ODpwrc")
-    output = await told("LMDscandatacfg")
+    kind = await told("DeviceIdent") or await told("0") or DeviceIdent("", "")
     return Identity(
         dialect=session.dialect,
-        type=kind[0].strip(),
-        version=kind[1].strip(),
-        firmware=firmware[0] if firmware else "",
-        serial=serial[0] if serial else "",
-        name=name[0] if name else "",
-        state=DeviceState(state[0]) if state else DeviceState.UNKNOWN,
-        operating_hours=hours[0] * _HOURS_PER_COUNT if hours else None,
-        power_ons=power_ons[0] if power_ons else None,
-        output=OutputContent.from_values(output) if output else None,
+        type=kind.type.strip(),
+        version=kind.version.strip(),
+        firmware=await told("FirmwareVersion") or "",
+        serial=await told("SerialNumber") or "",
+        name=await told("LocationName") or "",
+        state=await told("SCdevicestate") or DeviceState.UNKNOWN,
+        operating_hours=_hours(await told("ODoprh")),
+        power_ons=await told("ODpwrc"),
+        output=await told("LMDscandatacfg"),
+        output_range=await told("LMPoutputRange"),
     )
 
 
-async def configure(session: Session, config: TimConfig, output: OutputContent) -> None:
-    """Log in, write the output content, and let the device run again, whatever happened in between."""
-    dialect, patience_s = session.dialect, config.answer_timeout_s
-    login = commands.invoke(dialect, "SetAccessMode", int(config.level), password_hash(config.password))
-    (admitted,) = await session.ask(login, patience_s)
-    if not admitted:
+def _hours(operated: timedelta | None) -> float | None:
+    return None if operated is None else operated / timedelta(hours=1)
+
+
+def changes(config: TimConfig, found: Identity) -> tuple[Telegram, ...]:
+    """The writes that make the device what the configuration asks for; none if it is so already."""
+    dialect, writes = found.dialect, []
+    if config.output_range is not None and config.output_range != found.output_range:
+        writes.append(commands.write(dialect, "LMPoutputRange", *config.output_range.to_values()))
+    if config.output is not None and config.output != found.output:
+        writes.append(commands.write(dialect, "LMDscandatacfg", *config.output.to_values()))
+    if config.switch_to not in (None, dialect):
+        writes.append(commands.write(dialect, "EIHstCola", int(dialect is Dialect.A)))
+    return tuple(writes)
+
+
+async def configure(session: Session, config: TimConfig, writes: tuple[Telegram, ...]) -> None:
+    """Log in, write, and let the device run again, whatever happened in between.
+
+    Raises TimRefusedError with a sentence that says what to do if the device does not let us.
+    """
+    patience_s = config.answer_timeout_s
+    await _login(session, config)
+    try:
+        for write in writes:
+            await session.ask(write, patience_s)
+        if not _switches_dialect(writes):
+            await session.ask(commands.invoke(session.dialect, "LMCstartmeas"), patience_s)
+    finally:
+        if not _switches_dialect(writes):  # after that it listens in the other one only, and a reconnect logs out
+            await session.ask(commands.invoke(session.dialect, "Run"), patience_s)
+
+
+def _switches_dialect(writes: tuple[Telegram, ...]) -> bool:
+    return bool(writes) and writes[-1].name == "EIHstCola"
+
+
+async def _login(session: Session, config: TimConfig) -> None:
+    hashed = password_hash(config.password)
+    login = commands.invoke(session.dialect, "SetAccessMode", int(config.level), hashed)
+    if not await session.answer(login, config.answer_timeout_s):
         raise TimRefusedError(
             f"{session.device} refused the login as {config.level.name.lower()}: the password differs or its owner"
             " has disabled that user level; leave the output as it is, or enable the level with SOPAS."
         )
+
+
+async def wake(session: Session, config: TimConfig) -> str:
+    """Ask a device that sends nothing to measure; no login, for that would switch off somebody else's laser.
+
+    Returns what it said to that, as a clause.
+    """
     try:
-        await session.ask(commands.write(dialect, "LMDscandatacfg", *output.to_values()), patience_s)
-        await session.ask(commands.invoke(dialect, "LMCstartmeas"), patience_s)
-    finally:
-        await session.ask(commands.invoke(dialect, "Run"), patience_s)
+        started = await session.answer(commands.invoke(session.dialect, "LMCstartmeas"), config.answer_timeout_s)
+    except (TimRefusedError, TimAnswerError, TimTimeoutError) as error:
+        return str(error)
+    return "it was told to start measuring" if started else "it did not start measuring when told to"
 
 
 async def subscribe(session: Session, config: TimConfig) -> None:
     """Have every finished scan sent."""
-    (on,) = await session.ask(commands.subscribe(session.dialect, "LMDscandata"), config.answer_timeout_s)
-    if on != 1:
+    if not await session.answer(commands.subscribe(session.dialect, "LMDscandata"), config.answer_timeout_s):
         raise TimRefusedError(f"{session.device} did not switch its scan output on.")
 
 

@@ -6,8 +6,11 @@ from collections import deque
 from dataclasses import dataclass
 from enum import Enum
 
-from drivers.tim571.codec.commands import OutputContent
+from drivers.tim571.codec.answers import DeviceState
+from drivers.tim571.codec.commands import OutputContent, OutputRange
 from drivers.tim571.codec.dialect import Dialect
+from drivers.tim571.device.clock import ClockState
+from drivers.tim571.device.scan import DeviceStatus
 
 
 class LinkState(Enum):
@@ -19,19 +22,6 @@ class LinkState(Enum):
     CONFIGURING = "configuring"
     STREAMING = "streaming"
     BACKOFF = "backoff"
-
-
-class DeviceState(Enum):
-    """`SCdevicestate`, and UNKNOWN for what it doesn't list."""
-
-    BUSY = 0
-    READY = 1
-    ERROR = 2
-    UNKNOWN = -1
-
-    @classmethod
-    def _missing_(cls, value: object) -> DeviceState:
-        return cls.UNKNOWN
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +38,7 @@ class Identity:
     operating_hours: float | None = None
     power_ons: int | None = None
     output: OutputContent | None = None
+    output_range: OutputRange | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +56,11 @@ class TimStats:
     repeated: int = 0
     """Telegrams with a scan we already had."""
     damaged: int = 0
-    """Stretches of bytes that were no good telegram."""
+    """Stretches of bytes that were no good telegram, and telegrams that cannot be true."""
+    implausible: int = 0
+    """The latter of these alone: well framed, but they contradict themselves or those before."""
+    doubts: tuple[str, ...] = ()
+    """What the newest implausible telegram had against it."""
     dropped: int = 0
     """Scans that a slow consumer never took."""
     reconnects: int = 0
@@ -74,6 +69,11 @@ class TimStats:
     rate_hz: float = 0.0
     last_ns: int | None = None
     """Arrival of the newest scan."""
+    status: DeviceStatus = DeviceStatus.OK
+    """What the newest scan says about the device's health."""
+    clock: ClockState = ClockState()
+    warning: str = ""
+    """What is not as configured although scans come, and what to do; empty if all is."""
 
 
 class Rate:

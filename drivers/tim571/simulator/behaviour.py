@@ -1,5 +1,7 @@
 """What the device answers and when it refuses (fact sheet section 3), without any I/O.
 
+It knows what a TiM5xx knows: protective fields, inputs, outputs and network time belong to its sisters.
+
 Not documented and decided here: a connection that closes is logged out; a change of dialect holds for the
 connection that asked and for later ones; settings not saved by `mEEwriteall` are lost at power-off.
 """
@@ -11,29 +13,48 @@ from typing import Any
 
 from drivers.tim571.codec import commands
 from drivers.tim571.codec.access import PASSWORDS, Level, password_hash
-from drivers.tim571.codec.commands import OutputContent
+from drivers.tim571.codec.commands import OutputContent, OutputRange
 from drivers.tim571.codec.dialect import Dialect
 from drivers.tim571.codec.faults import Fault
 from drivers.tim571.codec.telegram import Telegram
 from drivers.tim571.errors import TimMalformedError
 from drivers.tim571.geometry import FIRST_ANGLE_1E4DEG, LAST_ANGLE_1E4DEG, WIRE_STEP_1E4DEG
-from drivers.tim571.simulator.scanner import OutputRange
 
 SPIN_UP_S = 0.2  # from Run to the first scan; 223 ms on a real TiM5xx
 LONGEST_NAME = 16
 MOST_EVERY = 50_000
+DELIVERED_NETWORK = {"EIIpAddr": (192, 168, 0, 1), "EImask": (255, 255, 255, 0), "EIgate": (0, 0, 0, 0)}
+"""Takes effect after saving and a reboot, which a simulator on a socket of its own can only remember."""
 _BUSY, _READY, _ERROR = 0, 1, 2
+_VARIABLES = frozenset(commands.VARIABLES) - {
+    "LFErec", "LFPparticle", "LFPmeanfilter", "LIDinputstate", "LIDoutputstate",
+    "TSCRole", "TSCTCInterface", "TSCTCSrvAddr", "TSCTCtimezone", "TSCTCupdatetime",
+}  # fmt: skip
+_METHODS = frozenset(commands.METHODS) - {"LMCstandby", "LSPsetdatetime"}
+_EVENTS = frozenset(("LMDscandata", "LMDscandatamon"))
+_KNOWN = {
+    "sRN": (_VARIABLES, Fault.UNKNOWN_VARIABLE),
+    "sRI": (_VARIABLES, Fault.UNKNOWN_VARIABLE),
+    "sWN": (_VARIABLES, Fault.UNKNOWN_VARIABLE),
+    "sMN": (_METHODS, Fault.UNKNOWN_METHOD),
+    "sEN": (_EVENTS, Fault.UNKNOWN_EVENT),
+}
 _METHOD_LEVELS = {
     "LMCstartmeas": Level.AUTHORISED_CLIENT,
     "LMCstopmeas": Level.AUTHORISED_CLIENT,
     "mEEwriteall": Level.AUTHORISED_CLIENT,
     "mSCreboot": Level.AUTHORISED_CLIENT,
+    "mSCloadfacdef": Level.AUTHORISED_CLIENT,
+    "mSCloadappdef": Level.AUTHORISED_CLIENT,
 }
 _WRITE_LEVELS = {
     "EIHstCola": Level.AUTHORISED_CLIENT,
     "LMDscandatacfg": Level.AUTHORISED_CLIENT,
     "LMPoutputRange": Level.AUTHORISED_CLIENT,
     "LocationName": Level.MAINTENANCE,
+    "EIIpAddr": Level.AUTHORISED_CLIENT,
+    "EImask": Level.AUTHORISED_CLIENT,
+    "EIgate": Level.AUTHORISED_CLIENT,
 }
 
 
@@ -57,6 +78,10 @@ class DeviceSettings:
     """Near 2**32 the wrap comes soon."""
     user_levels_enabled: bool = True
     """From V5.10 on an owner can forbid every login."""
+    drift_ppm: float = 0.0
+    """How much faster than this machine's the device's clock runs; 4.7 on a real one."""
+    time_block: bool = False
+    """Send the time block where it is configured; a TiM5xx takes the setting and was never seen to send it."""
 
 
 @dataclass(slots=True)
@@ -77,6 +102,7 @@ class _Stored:
     output: OutputContent = field(default_factory=OutputContent)
     sector: OutputRange = field(default_factory=OutputRange)
     name: str = "not defined"
+    network: dict[str, tuple[int, ...]] = field(default_factory=lambda: dict(DELIVERED_NETWORK))
 
 
 class Behaviour:
@@ -94,6 +120,7 @@ class Behaviour:
         """Begin anew with what was saved."""
         saved = self._saved
         self.dialect, self.output, self.sector, self.name = saved.dialect, saved.output, saved.sector, saved.name
+        self._network = dict(saved.network)
         self.measuring = True
         self.reboot_wanted = False
         self._awake_s = self._laser_s = now_s + self.settings.startup_s
@@ -116,6 +143,10 @@ class Behaviour:
     def answer(self, request: Telegram, client: Client, clients: list[Client], now_s: float) -> Telegram:
         """The answer to anything but `sRN LMDscandata`; in the dialect of the request."""
         dialect = request.dialect
+        if request.kind in _KNOWN:
+            names, unknown = _KNOWN[request.kind]
+            if request.name not in names:
+                return commands.fault(dialect, unknown)
         try:
             values = commands.values_of(request)
         except TimMalformedError as error:
@@ -159,8 +190,10 @@ class Behaviour:
             "ODoprh": settings.operating_decihours,
             "ODpwrc": settings.power_ons,
             "LocationName": self.name,
+            **self._network,
         }
-        return (plain[name],)
+        value = plain[name]
+        return value if isinstance(value, tuple) else (value,)
 
     def _write(self, name: str, values: tuple[Any, ...], client: Client) -> Fault:
         if name not in _WRITE_LEVELS or client.level < _WRITE_LEVELS[name]:
@@ -177,15 +210,17 @@ class Behaviour:
                     return Fault.LOCAL_CONDITION_FAILED
                 self.output = output
             case "LMPoutputRange":
-                one, step, start, stop = values
-                inside = FIRST_ANGLE_1E4DEG <= start < stop <= LAST_ANGLE_1E4DEG
-                if (one, step) != (1, WIRE_STEP_1E4DEG) or not inside:
+                sector = OutputRange.from_values(values)
+                inside = FIRST_ANGLE_1E4DEG <= sector.start_1e4deg < sector.stop_1e4deg <= LAST_ANGLE_1E4DEG
+                if values[0] != 1 or sector.step_1e4deg != WIRE_STEP_1E4DEG or not inside:
                     return Fault.LOCAL_CONDITION_FAILED
-                self.sector = OutputRange(start, stop)
+                self.sector = sector
             case "LocationName":
                 if len(values[0]) > LONGEST_NAME:
                     return Fault.LOCAL_CONDITION_FAILED
                 self.name = values[0]
+            case _:
+                self._network[name] = values
         return Fault.OK
 
     def _call(self, name: str, values: tuple[Any, ...], client: Client, now_s: float) -> tuple[int, ...]:
@@ -204,10 +239,20 @@ class Behaviour:
                 self.measuring = False
                 return (0,)
             case "mEEwriteall":
-                self._saved = _Stored(self.dialect, self.output, self.sector, self.name)
+                self._saved = _Stored(self.dialect, self.output, self.sector, self.name, dict(self._network))
                 return (1,)
+            case "mSCloadfacdef" | "mSCloadappdef":
+                self._load_defaults(keep_network=name == "mSCloadappdef")
+                return ()
         self.reboot_wanted = True
         return ()
+
+    def _load_defaults(self, keep_network: bool) -> None:
+        """As delivered, but in the dialect that is spoken, or nobody could save it."""
+        delivered = _Stored(self.dialect, name=self.settings.name)
+        self.output, self.sector, self.name = delivered.output, delivered.sector, delivered.name
+        if not keep_network:
+            self._network = delivered.network
 
     def _login(self, client: Client, level: int, hashed: int) -> bool:
         passwords = {int(known): password_hash(password) for known, password in PASSWORDS.items()}

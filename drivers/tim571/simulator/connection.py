@@ -9,6 +9,7 @@ from drivers.tim571.codec.telegram import Receiver, Telegram
 from drivers.tim571.simulator.behaviour import Client
 from drivers.tim571.simulator.faults import Line
 
+WAITING_REQUESTS = 64  # a client is expected to wait for each answer; what it sends beyond that is lost
 OUTBOX_FRAMES = 32  # about 2 s of scans: a client slower than that loses scans, not the device its memory
 
 
@@ -21,8 +22,11 @@ class Host(Protocol):
     def left(self, connection: Connection) -> None:
         """It has closed."""
 
+    def delay_s(self, request: Telegram) -> float:
+        """How long the device takes to answer that."""
+
     def heard(self, request: Telegram, connection: Connection) -> None:
-        """It understood a request in its dialect; anything else it ignores, as the device does."""
+        """Answer a request that came in the connection's dialect; anything else is ignored, as the device does."""
 
 
 class Connection(asyncio.Protocol):
@@ -31,6 +35,8 @@ class Connection(asyncio.Protocol):
     def __init__(self, host: Host, client: Client, line: Line) -> None:
         self.client = client
         self.outbox: asyncio.Queue[bytes] = asyncio.Queue(OUTBOX_FRAMES)
+        self.peer = "nobody"
+        self._requests: asyncio.Queue[Telegram] = asyncio.Queue(WAITING_REQUESTS)
         self._host = host
         self._line = line
         self._receiver = Receiver(client.dialect)
@@ -45,11 +51,14 @@ class Connection(asyncio.Protocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)  # noqa: S101 - create_server makes no other kind
         self._transport = transport
-        self._sender = asyncio.create_task(self._send())
+        host, port = transport.get_extra_info("peername")[:2]
+        self.peer = f"{host}:{port}"
+        self._tasks = (asyncio.create_task(self._send()), asyncio.create_task(self._serve()))
         self._host.joined(self)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        self._sender.cancel()
+        for task in self._tasks:
+            task.cancel()
         self._host.left(self)
 
     def pause_writing(self) -> None:
@@ -60,10 +69,8 @@ class Connection(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         for event in self._receiver.feed(data):
-            if isinstance(event, Telegram):
-                self._host.heard(event, self)
-        if self._receiver.dialect is not self.client.dialect:
-            self._receiver = Receiver(self.client.dialect)
+            if isinstance(event, Telegram) and not self._requests.full():
+                self._requests.put_nowait(event)
 
     def send(self, frame: bytes) -> None:
         """Queue a frame; a client that doesn't read loses it."""
@@ -73,6 +80,16 @@ class Connection(asyncio.Protocol):
     def abort(self) -> None:
         """Close without ceremony."""
         self._transport.abort()
+
+    async def _serve(self) -> None:
+        """Answer one request after the other, each in the time that a device takes."""
+        while True:
+            request = await self._requests.get()
+            await asyncio.sleep(self._host.delay_s(request))
+            if request.dialect is self.client.dialect:
+                self._host.heard(request, self)
+            if self._receiver.dialect is not self.client.dialect:
+                self._receiver = Receiver(self.client.dialect)
 
     async def _send(self) -> None:
         while True:

@@ -20,10 +20,16 @@ class FaultPlan:
     delay: float = 0.0
     """Chance that it is held back, by up to `delay_s`."""
     delay_s: float = 0.05
+    jitter_s: float = 0.0
+    """Mean of the time by which every frame is late, exponentially distributed; 100 us on a real network."""
+    byte_error: float = 0.0
+    """Chance that a byte is changed, for each byte sent."""
     stall: tuple[float, float] | None = None
     """The connection stays open but no byte comes or goes, as with a pulled cable."""
     unplug: tuple[float, float] | None = None
     """All connections close and new ones are refused."""
+    power_cycle: tuple[float, float] | None = None
+    """As unplugged, and the device begins anew afterwards: its ticks and counters, and all that wasn't saved."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,14 +48,24 @@ def strike(plan: FaultPlan, chance: Random, frame: bytes) -> list[Piece]:
     if chance.random() < plan.drop:
         return []
     pause_s = chance.random() * plan.delay_s if chance.random() < plan.delay else 0.0
+    if plan.jitter_s:
+        pause_s += chance.expovariate(1 / plan.jitter_s)
     if chance.random() < plan.corrupt:
-        at = chance.randrange(len(frame))
-        frame = frame[:at] + bytes([frame[at] ^ chance.randrange(1, 256)]) + frame[at + 1 :]
+        frame = _spoil(frame, [chance.randrange(len(frame))], chance)
+    if plan.byte_error:
+        frame = _spoil(frame, [at for at in range(len(frame)) if chance.random() < plan.byte_error], chance)
     if chance.random() >= plan.split:
         return [Piece(pause_s, frame)]
     cuts = sorted(chance.randrange(len(frame)) for _ in range(chance.randrange(1, 4)))
     parts = [frame[a:b] for a, b in zip([0, *cuts], [*cuts, len(frame)], strict=True)]
     return [Piece(pause_s if at == 0 else SEGMENT_PAUSE_S, part) for at, part in enumerate(parts) if part]
+
+
+def _spoil(frame: bytes, places: list[int], chance: Random) -> bytes:
+    spoilt = bytearray(frame)
+    for at in places:
+        spoilt[at] ^= chance.randrange(1, 256)
+    return bytes(spoilt)
 
 
 class Line:

@@ -8,14 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.tim571.codec.commands import OutputContent
+from drivers.tim571.codec.commands import OutputContent, OutputRange
 from drivers.tim571.codec.scandata import COUNTS, Channel, ScanData
 from drivers.tim571.geometry import (
     BEAM_YAW,
     BEAMS,
     FARTHEST_M,
     FIRST_ANGLE_1E4DEG,
-    LAST_ANGLE_1E4DEG,
     NEAREST_M,
     WIRE_STEP_1E4DEG,
     beam_index,
@@ -32,21 +31,9 @@ _RSSI_16_PER_8 = 160  # 16-bit digits reach 40,960 where 8-bit ones reach 254
 _STRONGEST_RSSI = 254.0
 
 
-@dataclass(frozen=True, slots=True)
-class OutputRange:
-    """`LMPoutputRange`: which part of the revolution is sent, in 1/10000 degree of device angle."""
-
-    start_1e4deg: int = FIRST_ANGLE_1E4DEG
-    stop_1e4deg: int = LAST_ANGLE_1E4DEG
-
-    def to_values(self) -> tuple[int, ...]:
-        """The parameters in wire order."""
-        return (1, WIRE_STEP_1E4DEG, self.start_1e4deg, self.stop_1e4deg)
-
-    @property
-    def beams(self) -> slice:
-        """The beams inside."""
-        return slice(max(0, beam_index(self.start_1e4deg)), min(BEAMS, beam_index(self.stop_1e4deg) + 1))
+def beams_of(sector: OutputRange) -> slice:
+    """The beams that lie inside."""
+    return slice(max(0, beam_index(sector.start_1e4deg)), min(BEAMS, beam_index(sector.stop_1e4deg) + 1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,12 +61,12 @@ class Scanner:
         self._measured: tuple[Revolution, NDArray[np.uint16], NDArray[np.uint8]] | None = None
 
     def scan(
-        self, turn: Revolution, transmit_tick_us: int, serial: int, rate_hz: float, output: OutputContent,
-        sector: OutputRange, name: str, status: tuple[int, int],
+        self, turn: Revolution, serial: int, rate_hz: float, output: OutputContent, sector: OutputRange, name: str,
+        status: tuple[int, int],
     ) -> ScanData:  # fmt: skip
-        """The revolution as a telegram with the content that the device is set to."""
+        """The revolution as a telegram with the content that the device is set to, still to be stamped and sent."""
         millimetres, rssi = self._measure(turn)
-        beams = sector.beams
+        beams = beams_of(sector)
         # The first sample's angle is that of a beam, not what was asked for.
         start = FIRST_ANGLE_1E4DEG + round(beams.start * 10_000 / 3)
 
@@ -100,7 +87,7 @@ class Scanner:
             telegram_counter=turn.telegram_counter,
             scan_counter=turn.scan_counter,
             scan_tick_us=turn.tick_us,
-            transmit_tick_us=transmit_tick_us,
+            transmit_tick_us=turn.tick_us,
             inputs=(0, 0),
             outputs=(1, 0),
             layer=0,

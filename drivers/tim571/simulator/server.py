@@ -5,24 +5,29 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from random import Random
 from types import TracebackType
 from typing import Self
 
 from drivers.tim571.codec import scandata
 from drivers.tim571.codec.dialect import Dialect
 from drivers.tim571.codec.fields import pack
-from drivers.tim571.codec.scandata import SCAN_NAMES, TICKS
+from drivers.tim571.codec.scandata import SCAN_NAMES, Clock, ScanData
 from drivers.tim571.codec.telegram import Telegram
 from drivers.tim571.simulator.behaviour import Behaviour, Client, DeviceSettings
 from drivers.tim571.simulator.connection import Connection
 from drivers.tim571.simulator.faults import FaultPlan, Line
 from drivers.tim571.simulator.recording import read_scans
 from drivers.tim571.simulator.scanner import Revolution, Scanner, ScanSource, empty_room
+from drivers.tim571.simulator.timing import SCAN_CLOCK_LAG_S, DeviceTime, Motor, answer_delay_s, transmit_delay_s
+from drivers.tim571.simulator.words import in_words
 
-TRANSMIT_DELAY_S = 0.0071  # from the last beam to the transmission, on a real TiM571
 SCAN_COUNTER_LEAD = 2  # the scan counter runs ahead of the telegram counter by 2 to 5
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 BEHIND_S = 1.0  # an event loop held up for longer than this loses revolutions, as a real network would
 REMEMBERED_REQUESTS = 256
 
@@ -34,7 +39,8 @@ class Tim571Simulator:
             ... connect to simulator.port ...
 
     `source` is the world (see `ScanSource`); `replay` is a `.rec` file to send instead, in its own dialect. `port`
-    0 takes a free one. The same seed gives the same noise and the same faults.
+    0 takes a free one. The same seed gives the same noise and the same faults. `on_news` gets a sentence for
+    everything that a person at the device might want to know: who connects, what they ask and are told.
     """
 
     def __init__(
@@ -48,6 +54,7 @@ class Tim571Simulator:
         faults: FaultPlan | None = None,
         seed: int = 0,
         replay: Path | None = None,
+        on_news: Callable[[str], None] | None = None,
     ) -> None:
         self.settings = settings or DeviceSettings()
         self.host = host
@@ -59,6 +66,9 @@ class Tim571Simulator:
         if self._recorded:
             dialect = self._recorded[0].dialect
         self.behaviour = Behaviour(self.settings, Dialect(dialect), fixed_dialect=bool(self._recorded))
+        self._news = on_news or (lambda _sentence: None)
+        self._chance = Random(seed)  # noqa: S311 - latencies, not secrets
+        self._motor = Motor(self.settings.scan_rate_hz, seed)
         self._scanner = Scanner(source, seed)
         self._line = Line(self.faults, seed)
         self._connections: set[Connection] = set()
@@ -85,6 +95,8 @@ class Tim571Simulator:
         self._tasks = [asyncio.create_task(self._rotate(), name="simulated TiM571")]
         if self.faults.unplug is not None:
             self._tasks.append(asyncio.create_task(self._unplug_for(*self.faults.unplug)))
+        if self.faults.power_cycle is not None:
+            self._tasks.append(asyncio.create_task(self._unplug_for(*self.faults.power_cycle, power=True)))
         return self
 
     async def __aexit__(
@@ -135,18 +147,19 @@ class Tim571Simulator:
         self._turn = None
         self.behaviour.power_on(self._power_on_s)
 
-    async def _unplug_for(self, at_s: float, for_s: float) -> None:
+    async def _unplug_for(self, at_s: float, for_s: float, power: bool = False) -> None:
         await asyncio.sleep(at_s)
         await self.unplug()
         await asyncio.sleep(for_s)
+        if power:
+            self._power_on()
         await self.replug()
 
     async def _rotate(self) -> None:
         """Finish a revolution every period and send it."""
-        period_s = 1.0 / self.settings.scan_rate_hz
-        end_s = time.monotonic() + period_s
+        end_s = time.monotonic() + self._motor.period_s()
         while True:
-            await asyncio.sleep(max(0.0, end_s + TRANSMIT_DELAY_S - time.monotonic()))
+            await asyncio.sleep(max(0.0, end_s + transmit_delay_s(self._chance) - time.monotonic()))
             if self.behaviour.reboot_wanted:
                 await self.power_cycle()
             now_s = time.monotonic()
@@ -154,10 +167,10 @@ class Tim571Simulator:
             if self.behaviour.scanning(clients, now_s) and end_s > self._power_on_s:
                 self._turn = self._finish(end_s)
                 self._send_scan(self._turn)
-            end_s += period_s
+            end_s += self._motor.period_s()
             if now_s - end_s > BEHIND_S:
-                missed = int((now_s - end_s) / period_s)
-                end_s += missed * period_s
+                missed = int((now_s - end_s) * self.settings.scan_rate_hz)
+                end_s += missed / self.settings.scan_rate_hz
                 self._turn = self._turn and self._turn.after(missed)
 
     def _finish(self, end_s: float) -> Revolution:
@@ -165,7 +178,8 @@ class Tim571Simulator:
         return replace(before.after(1), end_ns=round(end_s * 1e9), tick_us=self._tick_us(end_s))
 
     def _tick_us(self, now_s: float) -> int:
-        return (round((now_s - self._power_on_s) * 1e6) + self.settings.tick_at_power_on_us) % TICKS
+        settings = self.settings
+        return DeviceTime(self._power_on_s, settings.drift_ppm, settings.tick_at_power_on_us).tick_us(now_s)
 
     def _send_scan(self, turn: Revolution) -> None:
         recorded = self._recorded[self._sent % len(self._recorded)] if self._recorded else None
@@ -186,7 +200,6 @@ class Tim571Simulator:
         behaviour = self.behaviour
         scan = self._scanner.scan(
             turn,
-            self._tick_us(time.monotonic()),
             self.settings.serial,
             self.settings.scan_rate_hz,
             behaviour.output,
@@ -194,7 +207,16 @@ class Tim571Simulator:
             behaviour.name,
             (1, 0) if behaviour.failed else (0, 0),
         )
-        return scandata.encode(scan, dialect, kind, name)
+        clock = self._clock(turn) if self.settings.time_block and behaviour.output.time else None
+        # The tick is read last of all: measuring the world takes its time, and none of it in a real device.
+        sent: ScanData = replace(scan, clock=clock, transmit_tick_us=self._tick_us(time.monotonic()))
+        return scandata.encode(sent, dialect, kind, name)
+
+    def _clock(self, turn: Revolution) -> Clock:
+        """The wall clock of a device that nobody has set: from 1970 at power-on, in whole milliseconds."""
+        since_s = turn.end_ns / 1e9 - self._power_on_s + self._chance.uniform(*SCAN_CLOCK_LAG_S)
+        now = EPOCH + timedelta(milliseconds=round(1000 * since_s))
+        return Clock(now.year, now.month, now.day, now.hour, now.minute, now.second, now.microsecond)
 
     def _polled(self, dialect: Dialect, name: str) -> Telegram:
         """The newest finished scan; all zeros before the first."""
@@ -207,12 +229,18 @@ class Tim571Simulator:
     def joined(self, connection: Connection) -> None:
         """A connection was opened."""
         self._connections.add(connection)
+        self._news(f"{connection.peer} connects")
         if self._server is None:  # accepted in the very moment the plug was pulled
             connection.abort()
 
     def left(self, connection: Connection) -> None:
         """A connection has closed; whoever was logged in on it is no longer."""
         self._connections.discard(connection)
+        self._news(f"{connection.peer} has gone")
+
+    def delay_s(self, request: Telegram) -> float:
+        """How long the answer takes."""
+        return answer_delay_s(request.kind, request.name, self._chance)
 
     def heard(self, request: Telegram, connection: Connection) -> None:
         """Answer a request."""
@@ -225,6 +253,7 @@ class Tim571Simulator:
         else:
             clients = [other.client for other in self._connections]
             answer = self.behaviour.answer(request, connection.client, clients, now_s)
+        self._news(f"{connection.peer} {in_words(request, answer)}")
         connection.send(answer.to_wire())
 
 

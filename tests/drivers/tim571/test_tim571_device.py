@@ -15,13 +15,14 @@ import numpy as np
 import pytest
 
 from drivers.tim571 import Scan, TcpTransport, TiM571, Tim571Simulator, TimConfig, TimError, probe
+from drivers.tim571.codec.answers import DeviceState
 from drivers.tim571.codec.commands import OutputContent
 from drivers.tim571.codec.dialect import Dialect
 from drivers.tim571.codec.scandata import ScanData
 from drivers.tim571.codec.telegram import Receiver
 from drivers.tim571.device.continuity import Continuity, Step
 from drivers.tim571.device.scan import scan_of
-from drivers.tim571.device.stats import DeviceState, LinkState
+from drivers.tim571.device.stats import LinkState
 from drivers.tim571.errors import TimRefusedError, TimTimeoutError, TimUnreachableError
 from drivers.tim571.geometry import BEAM_YAW, BEAMS
 from drivers.tim571.simulator.behaviour import DeviceSettings
@@ -315,14 +316,34 @@ async def test_a_probe_of_a_lidar_whose_laser_is_off_says_why(terminal: Any) -> 
             await probe(TcpTransport(simulator.host, simulator.port), HASTY)
 
 
-async def test_a_refused_login_says_what_to_do_and_is_tried_again(until: Until) -> None:
+async def test_a_refused_login_says_what_to_do_and_is_tried_again_if_we_insist(until: Until) -> None:
     settings = DeviceSettings(user_levels_enabled=False)
-    config = replace(HASTY, output=OutputContent(rssi=True))
+    config = replace(HASTY, output=OutputContent(rssi=True), insist=True)
     async with Tim571Simulator(settings=settings) as simulator:
         with pytest.raises(TimRefusedError, match="enable the level with SOPAS"):
             await probe(TcpTransport(simulator.host, simulator.port), config)
         async with lidar_at(simulator, config) as lidar:
             await until(lambda: lidar.stats.reconnects >= 2 and "refused the login" in lidar.stats.detail)
+
+
+async def test_scans_come_although_the_login_is_refused_and_a_warning_says_what_to_do() -> None:
+    settings = DeviceSettings(user_levels_enabled=False)
+    config = replace(HASTY, output=OutputContent(rssi=True))
+    async with Tim571Simulator(settings=settings) as simulator, lidar_at(simulator, config) as lidar:
+        (scan,) = await take(lidar, 1)
+        assert scan.rssi is None
+        assert "enable the level with SOPAS" in lidar.stats.warning
+
+
+async def test_the_password_is_never_shown() -> None:
+    config = TimConfig(password="open sesame")  # noqa: S106
+    assert "sesame" not in f"{config!r} {config}"
+    async with Tim571Simulator() as simulator:
+        wrong = replace(config, output=OutputContent(rssi=True), insist=True)
+        with pytest.raises(TimRefusedError) as caught:
+            await probe(TcpTransport(simulator.host, simulator.port), wrong)
+        assert "sesame" not in repr(caught.value)
+        assert not any(b"sesame" in request.frame for request in simulator.requests)
 
 
 async def test_a_failed_device_is_reported_with_its_scans() -> None:
