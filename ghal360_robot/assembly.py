@@ -15,6 +15,7 @@ from ghal360_robot.intent.trigger import TriggerSettings
 from ghal360_robot.perception.wedges import SceneSettings
 from ghal360_robot.safety.chain import Safety
 from ghal360_robot.safety.limits import SafetyLimits
+from ghal360_robot.safety.mux import AUTONOMY, TELEOP, TEST, LockRule, Source
 
 if TYPE_CHECKING:
     from ghal360_robot.config import RobotConfig
@@ -53,6 +54,13 @@ def safety_limits(config: RobotConfig) -> SafetyLimits:
         margin_m=s.margin_m,
         standoff_m=s.standoff_m,
         reaction_s=s.reaction_s,
+        lease_s=s.lease_s,
+        sources=(
+            Source(TELEOP, 100, s.operator_hold_s, s.operator_lost_s),
+            Source(TEST, 50, s.command_hold_s, s.command_lost_s),
+            Source(AUTONOMY, 10, s.command_hold_s, s.command_lost_s),
+        ),
+        locks=tuple(LockRule(name, priority, s.lock_hold_s) for name, priority in s.locks.items()),
         hold_s=(
             ("operator", s.operator_hold_s),
             ("tim571", s.lidar_hold_s),
@@ -69,7 +77,7 @@ def safety_limits(config: RobotConfig) -> SafetyLimits:
 
 
 def make_safety(config: RobotConfig) -> Safety:
-    return Safety(safety_limits(config), lidar_mount(config))
+    return Safety(safety_limits(config))
 
 
 def make_brain(config: RobotConfig) -> Brain:
@@ -84,6 +92,6 @@ def make_brain(config: RobotConfig) -> Brain:
         scene=SceneSettings(min_score=config.perception.min_score),
         intent=ExactFilter(trigger=trigger),
         drive=DriveSettings(v_max=safety.v_max, w_max=safety.w_max, steering=steering),
-        lidar=lidar_mount(config),
         drive_while_guiding=config.intent.drive_while_guiding,
+        cue_patience_s=config.intent.cue_patience_s,
     )

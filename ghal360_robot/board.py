@@ -4,17 +4,29 @@ from __future__ import annotations
 
 import math
 import threading
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from calibration.mounting import LidarMount
+from ghal360_robot.assembly import lidar_mount
 from ghal360_robot.freshness import RateWatch
-from ghal360_robot.messages import Inputs
+from ghal360_robot.messages import Inputs, Stops
+from ghal360_robot.surroundings import look_around
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from ghal360_robot.config import RobotConfig
-    from ghal360_robot.messages import BaseState, Detections, LidarScan, OperatorInput
+    from ghal360_robot.messages import (
+        BaseState,
+        Command,
+        Detections,
+        Lease,
+        LidarScan,
+        Lock,
+        OperatorInput,
+        Surroundings,
+    )
 
 INPUTS = ("theta", "tim571", "rmp110", "operator")
 LIDAR_HZ = 15.0
@@ -23,6 +35,11 @@ BASE_HZ = 20.0
 
 MAX_NUMBER = 1e6
 MAX_PRESSES = 1_000_000_000
+MAX_NAME = 64
+MAX_NAMES = 16
+"""Bystanders, locks and sources that are remembered; a robot has a handful of each."""
+
+MAX_LATENCY_S = 3600.0
 
 
 @dataclass(slots=True)
@@ -34,13 +51,20 @@ class Board:
     """
 
     watches: Mapping[str, RateWatch]
+    mount: LidarMount = LidarMount()
     base: BaseState | None = None
     scan: LidarScan | None = None
+    surroundings: Surroundings | None = None
     detections: Detections | None = None
     operator: OperatorInput | None = None
+    lease: Lease | None = None
+    stops: Stops = Stops()
+    commands: dict[str, Command] = field(default_factory=dict)
+    locks: dict[str, Lock] = field(default_factory=dict)
     refused: int = 0
-    """Messages of the operator that made no sense."""
+    """Messages of operators that made no sense."""
     valid: dict[str, bool] = field(default_factory=lambda: dict.fromkeys(INPUTS, True))
+    _bystanders: dict[str, OperatorInput] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def put_base(self, state: BaseState) -> None:
@@ -49,7 +73,9 @@ class Board:
 
     def put_scan(self, scan: LidarScan, arrival_ns: int) -> None:
         """A scan's stamp is its last beam's; it is its arrival that says whether the device is alive."""
-        self.scan = scan
+        around = look_around(scan, self.mount)
+        with self._lock:
+            self.scan, self.surroundings = scan, around
         self.valid["tim571"] = scan.device_ok
         self._arrived("tim571", arrival_ns)
 
@@ -61,18 +87,88 @@ class Board:
         self.detections = detections
 
     def put_operator(self, message: OperatorInput) -> None:
-        """Take a message in, unless it makes no sense: it comes from outside and steers the robot."""
+        """Take a message in, unless it makes no sense: it comes from outside and steers the robot.
+
+        Who does not hold the lease is a bystander, of whose messages only the stops count. A message
+        that was overtaken by a newer one of the same holder is refused.
+        """
         if not is_sane(message):
             self.refused += 1
-            return
-        self.operator = message
-        self._arrived("operator", message.stamp_ns)
+            if _counts_are_sane(message) and _holder_is_sane(message):
+                self._watch_bystander(message)  # whatever else is wrong with it, a stop is a stop
+        elif message.holder != self.driver:
+            self._watch_bystander(message)
+        elif self.operator is not None and _overtaken(message, self.operator):
+            self.refused += 1
+        else:
+            self.operator = message
+            self._arrived("operator", message.stamp_ns)
+
+    @property
+    def driver(self) -> str:
+        """Whose messages drive: the lease's holder, or the operator at the robot itself."""
+        return "" if self.lease is None else self.lease.holder
+
+    def put_lease(self, lease: Lease | None) -> None:
+        """Grant, renew or withdraw the right to drive; who holds it is for the giver to decide."""
+        self.lease = lease
+
+    def put_command(self, command: Command) -> None:
+        """The newest wish of a source other than operator and brain; repeated for as long as it is meant."""
+        if command.source in self.commands or len(self.commands) < MAX_NAMES:
+            self.commands[command.source] = command
+
+    def withdraw(self, source: str) -> None:
+        """A source has finished properly; one that only falls silent holds the robot still for a while."""
+        self.commands.pop(source, None)
+
+    def put_lock(self, lock: Lock) -> None:
+        """Hold the robot or let it go; a lock whose publisher falls silent holds."""
+        if lock.name in self.locks or len(self.locks) < MAX_NAMES:
+            self.locks[lock.name] = lock
+
+    def stop(self) -> None:
+        """Disarm, whoever asks."""
+        self.stops = replace(self.stops, disarm=self.stops.disarm + 1)
+
+    def estop(self) -> None:
+        """Emergency stop, whoever asks."""
+        self.stops = replace(self.stops, estop=self.stops.estop + 1)
 
     def snapshot(self, now_ns: int, tick: int, *, armed: bool) -> Inputs:
         """What the tick at `now_ns` sees."""
         with self._lock:
             freshness = {name: self.watches[name].at(now_ns, valid=self.valid[name]) for name in INPUTS}
-        return Inputs(now_ns, tick, self.base, self.scan, self.detections, self.operator, freshness, armed)
+            scan, around = self.scan, self.surroundings
+        return Inputs(
+            now_ns,
+            tick,
+            self.base,
+            scan,
+            self.detections,
+            self.operator,
+            freshness,
+            armed,
+            tuple(self.commands.values()),
+            tuple(self.locks.values()),
+            self.lease,
+            self.stops,
+            around,
+        )
+
+    def _watch_bystander(self, message: OperatorInput) -> None:
+        """Stops of somebody who does not drive; a first message with stops in it counts, as any stop does."""
+        before = self._bystanders.pop(message.holder, None)
+        if before is None and self.operator is not None and self.operator.holder == message.holder:
+            before = self.operator
+        disarm, estop = (0, 0) if before is None else (before.disarm_presses, before.estop_presses)
+        if message.disarm_presses > disarm:
+            self.stop()
+        if message.estop_presses > estop:
+            self.estop()
+        self._bystanders[message.holder] = message
+        if len(self._bystanders) > MAX_NAMES:
+            del self._bystanders[next(iter(self._bystanders))]
 
     def _arrived(self, name: str, stamp_ns: int) -> None:
         with self._lock:
@@ -83,10 +179,26 @@ def is_sane(message: OperatorInput) -> bool:
     """Whether every number is finite and every count a whole number that a finger can reach."""
     head, stick = message.head, message.stick
     angles = (head.yaw, head.pitch, head.fov, *((stick.v, stick.w) if stick is not None else ()))
-    counts = (message.arm_presses, message.disarm_presses, message.estop_presses, message.found_presses)
-    return all(isinstance(x, float | int) and math.isfinite(x) and abs(x) < MAX_NUMBER for x in angles) and all(
-        isinstance(n, int) and 0 <= n < MAX_PRESSES for n in counts
+    return (
+        all(isinstance(x, float | int) and math.isfinite(x) and abs(x) < MAX_NUMBER for x in angles)
+        and isinstance(message.latency_s, float | int)
+        and 0.0 <= message.latency_s <= MAX_LATENCY_S
+        and _counts_are_sane(message)
+        and _holder_is_sane(message)
     )
+
+
+def _counts_are_sane(message: OperatorInput) -> bool:
+    counts = (message.arm_presses, message.disarm_presses, message.estop_presses, message.found_presses)
+    return all(isinstance(n, int) and 0 <= n < MAX_PRESSES for n in counts)
+
+
+def _holder_is_sane(message: OperatorInput) -> bool:
+    return isinstance(message.holder, str) and len(message.holder) <= MAX_NAME
+
+
+def _overtaken(message: OperatorInput, newest: OperatorInput) -> bool:
+    return message.holder == newest.holder and message.stamp_ns < newest.stamp_ns
 
 
 def make_board(config: RobotConfig, operator_hz: float) -> Board:
@@ -98,5 +210,6 @@ def make_board(config: RobotConfig, operator_hz: float) -> Board:
             "tim571": RateWatch(LIDAR_HZ, safety.lidar_hold_s),
             "rmp110": RateWatch(BASE_HZ, safety.base_hold_s),
             "operator": RateWatch(operator_hz, safety.operator_hold_s),
-        }
+        },
+        lidar_mount(config),
     )

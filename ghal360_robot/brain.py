@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from calibration.mounting import LidarMount, scan_points, wrap
+from calibration.mounting import wrap
 from ghal360_robot.guidance.cueing import CueSettings, CueState, step_cue
 from ghal360_robot.guidance.egocentric import EMPTY, N_WEDGES
 from ghal360_robot.guidance.policy import Policy, make_policy
@@ -27,6 +27,9 @@ TURNS = (Cue.LEFT, Cue.RIGHT)
 """Cues that driving waits for. A confirm asks for no turn: for a closer look the operator may drive up to it."""
 
 NO_SCENE = Scene(allocentric=(EMPTY,) * N_WEDGES, target_yaw=None, target_score=0.0)
+PATIENCE_S = 4.0
+"""The paper's human answers a cue within one epoch of 2 s; who looks elsewhere for two means it."""
+
 MAX_SILENCE_S = 1.5
 """An operator who was silent for longer may have looked anywhere: the belief starts afresh."""
 
@@ -41,6 +44,8 @@ class BrainState:
     intent: IntentState = IntentState()
     cue: CueState = CueState()
     drive: DriveState = DriveState()
+    ignoring: tuple[int, int] | None = None
+    """The intention that has been held since an instant (ns) while a left or right cue was shown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,17 +60,18 @@ class Brain:
     head: HeadSettings = HeadSettings()
     intent: ExactFilter = ExactFilter()
     drive: DriveSettings = DriveSettings()
-    lidar: LidarMount = LidarMount()
     drive_while_guiding: bool = False
+    cue_patience_s: float = PATIENCE_S
+    """A gaze held for so long against a left or right cue overrules it, or robot and operator wait for each other."""
 
     def step(self, state: BrainState, inputs: Inputs) -> tuple[BrainState, Decision]:
         """One tick."""
         state = replace(state, trail=state.trail.extended(inputs.base))
         state, seen = self._look(state, inputs)
-        state = self._follow_head(state, inputs)
-        gaze = self._gaze(state, inputs)
+        gaze = _gaze(state.trail, inputs)
+        state = self._follow_head(state, inputs, gaze)
         cue = step_cue(self.policy, self.cueing, state.cue, seen.allocentric, gaze, inputs.stamp_ns)
-        state = replace(state, cue=cue)
+        state = replace(state, cue=cue, ignoring=self._ignoring(state, cue.cue, inputs.stamp_ns))
         state, wanted, reasons = self._want(state, inputs, gaze, cue.cue)
         return state, Decision(
             cue=cue.cue,
@@ -88,14 +94,13 @@ class Brain:
             return state, NO_SCENE
         return state, scene(remembered, self.target, state.trail.at(inputs.stamp_ns).yaw)
 
-    def _follow_head(self, state: BrainState, inputs: Inputs) -> BrainState:
+    def _follow_head(self, state: BrainState, inputs: Inputs, gaze: float) -> BrainState:
         """Head motion to belief; only an armed robot has anything to infer an intention for."""
         operator = inputs.operator
         if operator is None:
             return state
         before = state.head.stamp_ns
-        yaw = operator.head.yaw + state.trail.at(operator.stamp_ns).yaw
-        head = step_head(self.head, state.head, yaw, operator.stamp_ns)
+        head = step_head(self.head, state.head, gaze, operator.stamp_ns)
         if not inputs.armed:
             return replace(state, head=head, intent=IntentState())
         silence_s = (inputs.stamp_ns - operator.stamp_ns) / 1e9
@@ -106,23 +111,29 @@ class Brain:
         dt_s = min((head.stamp_ns - before) / 1e9, MAX_SILENCE_S)
         return replace(state, head=head, intent=self.intent.step(state.intent, head.evidence, dt_s))
 
-    @staticmethod
-    def _gaze(state: BrainState, inputs: Inputs) -> float:
-        """Where the operator looks, as a world yaw; straight ahead of the base without an operator."""
-        operator = inputs.operator
-        if operator is None:
-            return state.trail.at(inputs.stamp_ns).yaw
-        return wrap(operator.head.yaw + state.trail.at(operator.stamp_ns).yaw)
+    def _ignoring(self, state: BrainState, cue: Cue, now_ns: int) -> tuple[int, int] | None:
+        intention = self.intent.intention(state.intent)
+        if cue not in TURNS or intention is None:
+            return None
+        if state.ignoring is not None and state.ignoring[0] == intention:
+            return state.ignoring
+        return intention, now_ns
+
+    def _held_by_cue(self, state: BrainState, cue: Cue, now_ns: int) -> bool:
+        """Whether driving waits for the operator to follow the cue."""
+        if cue not in TURNS or self.drive_while_guiding:
+            return False
+        return state.ignoring is None or now_ns - state.ignoring[1] < self.cue_patience_s * 1e9
 
     def _want(
         self, state: BrainState, inputs: Inputs, gaze: float, cue: Cue
     ) -> tuple[BrainState, Twist, tuple[str, ...]]:
         operator = inputs.operator
         if operator is not None and operator.stick is not None:
-            return replace(state, drive=DriveState()), operator.stick, ("stick",)
+            return replace(state, drive=DriveState()), STILL, ("stick",)
         if not inputs.armed or inputs.base is None:
             return replace(state, drive=DriveState()), STILL, ("not armed",)
-        scan = inputs.scan
+        around = inputs.surroundings
         drive = step_drive(
             self.drive,
             state.drive,
@@ -130,7 +141,15 @@ class Brain:
             gaze=gaze,
             pose=state.trail.at(inputs.stamp_ns),
             measured=inputs.base.twist,
-            cue_shown=cue in TURNS and not self.drive_while_guiding,
-            points=None if scan is None else scan_points(scan.ranges, scan.yaw, self.lidar),
+            cue_shown=self._held_by_cue(state, cue, inputs.stamp_ns),
+            points=None if around is None else around.points,
         )
         return replace(state, drive=drive), drive.twist, drive.reasons
+
+
+def _gaze(trail: Trail, inputs: Inputs) -> float:
+    """Where the operator looks, as a world yaw; straight ahead of the base without an operator."""
+    operator = inputs.operator
+    if operator is None:
+        return trail.at(inputs.stamp_ns).yaw
+    return wrap(operator.head.yaw + trail.at(operator.stamp_ns).yaw)

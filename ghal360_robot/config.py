@@ -94,9 +94,10 @@ class GuidanceSection(_Section):
 class IntentSection(_Section):
     threshold: float = Field(0.7, gt=0.125, lt=1, description="Belief at which the robot drives (paper: 70 %)")
     drive_while_guiding: bool = Field(False, description="Allow driving while a left/right cue is shown")
+    cue_patience_s: Seconds = Field(4.0, description="A gaze held so long against a left/right cue overrules it")
 
 
-MAX_HOLD_S = {"operator": 0.25, "lidar": 0.5, "base": 0.5, "video": 1.0}
+MAX_HOLD_S = {"operator": 0.25, "lidar": 0.5, "base": 0.5, "video": 1.0, "command": 1.0}
 """Longest silence before the base stands still: 0.3 s from the operator's last sign of life to the wire."""
 
 MAX_STOPPING_M = 4.0
@@ -122,6 +123,13 @@ class SafetySection(_Section):
     base_lost_s: Seconds = 1.0
     video_hold_s: Seconds = Field(0.7, description="Nobody drives on a frozen picture")
     video_lost_s: Seconds = 2.0
+    lease_s: float = Field(3.0, ge=0.5, le=10, description="A lease not renewed for so long is void: disarmed")
+    command_hold_s: Seconds = Field(0.3, description="Another source (a program under test) silent this long: zero")
+    command_lost_s: Seconds = Field(1.0, description="Silent this long: the next source is taken")
+    locks: dict[Annotated[str, Field(min_length=1, max_length=64)], Annotated[int, Field(ge=1, le=255)]] = Field(
+        {}, max_length=8, description="Locks that have to be published, each with the priority it holds back"
+    )
+    lock_hold_s: Seconds = Field(0.5, description="A lock whose publisher is silent this long holds")
 
     @model_validator(mode="after")
     def _coherent(self) -> SafetySection:
@@ -181,6 +189,17 @@ def load_config(path: Path | None) -> RobotConfig:
     except tomllib.TOMLDecodeError as error:
         raise UsageError(f"{path} is not valid TOML: {error}") from error
     return _validated(data, str(path))
+
+
+def parse_config(text: str, origin: str) -> RobotConfig:
+    """The settings in a recording: what `model_dump_json` wrote, checked like a file."""
+    try:
+        data = json.loads(text)
+    except ValueError as error:
+        raise UsageError(f"{origin}: its settings are not valid JSON: {error}") from error
+    if not isinstance(data, dict):
+        raise UsageError(f"{origin}: its settings are no table")
+    return _validated(data, origin)
 
 
 def with_overrides(config: RobotConfig, overrides: dict[str, dict[str, Any]]) -> RobotConfig:

@@ -101,6 +101,22 @@ class LidarScan:
 
 
 @dataclass(frozen=True, slots=True)
+class Surroundings:
+    """One scan as the base sees it, worked out once for everybody (`surroundings.look_around`).
+
+    `points` (m, 2) are its usable returns in the base frame, metres; `beam` (m,) the beam of each.
+    `bearings` (n,) are all beams' directions in the base frame, radians in [-pi, pi); `ranges` (n,) their
+    smoothed ranges from the lidar, metres, NaN where nothing usable came back.
+    """
+
+    stamp_ns: int
+    points: NDArray[np.float64]
+    beam: NDArray[np.intp]
+    bearings: NDArray[np.float64]
+    ranges: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
 class Detection:
     """One object in the panorama: direction of its centre in the base frame and angular size, radians."""
 
@@ -174,10 +190,21 @@ class Lock:
 
 @dataclass(frozen=True, slots=True)
 class Lease:
-    """Who may drive; renewed by its holder, void when it grows old."""
+    """Who may drive; renewed by its holder, void when it grows old.
+
+    Without a lease only the operator at the robot itself may drive, whose `holder` is empty.
+    """
 
     holder: str
     stamp_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Stops:
+    """Stops asked for by anybody but the one who drives, as running counts: a stop needs no lease."""
+
+    disarm: int = 0
+    estop: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,6 +251,9 @@ class Inputs:
     """Velocities asked for by others than the brain; the newest of each source."""
     locks: tuple[Lock, ...] = ()
     lease: Lease | None = None
+    stops: Stops = Stops()
+    surroundings: Surroundings | None = None
+    """What `scan` shows, in the base frame."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,8 @@ import pytest
 
 from ghal360_robot.board import make_board
 from ghal360_robot.config import RobotConfig
-from ghal360_robot.messages import HeadPose, OperatorInput, Twist
+from ghal360_robot.messages import Command, HeadPose, Lease, Lock, OperatorInput, Stops, Twist
+from tests.safety.conftest import scan
 
 GOOD = OperatorInput(5, HeadPose(), deadman=True, stick=Twist(0.1, 0.0), arm_presses=1)
 
@@ -24,6 +25,11 @@ GOOD = OperatorInput(5, HeadPose(), deadman=True, stick=Twist(0.1, 0.0), arm_pre
         replace(GOOD, arm_presses=-1),
         replace(GOOD, estop_presses=1.5),  # type: ignore[arg-type]
         replace(GOOD, found_presses=10**30),
+        replace(GOOD, latency_s=math.nan),
+        replace(GOOD, latency_s=-1.0),
+        replace(GOOD, latency_s=None),  # type: ignore[arg-type]
+        replace(GOOD, holder="x" * 65),
+        replace(GOOD, holder=7),  # type: ignore[arg-type]
     ],
 )
 def test_a_message_that_makes_no_sense_is_counted_and_not_taken(message: OperatorInput) -> None:
@@ -42,3 +48,71 @@ def test_each_input_ages_by_the_settings_of_its_own() -> None:
     assert fresh["operator"].alive
     assert not stale["operator"].alive
     assert fresh["tim571"].age_s == math.inf
+
+
+def test_a_message_overtaken_by_a_newer_one_is_refused() -> None:
+    board = make_board(RobotConfig(), 20.0)
+    board.put_operator(replace(GOOD, stamp_ns=9))
+    board.put_operator(replace(GOOD, stamp_ns=8, arm_presses=0))
+    assert board.operator is not None
+    assert board.operator.stamp_ns == 9
+    assert board.refused == 1
+
+
+def test_only_the_holder_of_the_lease_gets_onto_the_board_and_everybody_can_stop() -> None:
+    board = make_board(RobotConfig(), 20.0)
+    board.put_lease(Lease("a", 1))
+    driver, other = replace(GOOD, holder="a"), replace(GOOD, holder="b")
+    board.put_operator(driver)
+    board.put_operator(other)
+    assert board.operator is driver
+    assert board.stops == Stops()
+    board.put_operator(replace(other, disarm_presses=1))
+    board.put_operator(replace(other, disarm_presses=1, estop_presses=1))
+    board.put_operator(replace(other, disarm_presses=1, estop_presses=1))
+    assert board.operator is driver
+    assert board.stops == Stops(disarm=1, estop=1)
+    board.put_lease(Lease("b", 2))
+    board.put_operator(other)
+    assert board.operator is other
+
+
+def test_a_stop_counts_in_a_message_that_makes_no_sense_otherwise() -> None:
+    board = make_board(RobotConfig(), 20.0)
+    board.put_operator(GOOD)
+    broken = replace(GOOD, head=HeadPose(yaw=math.nan))
+    board.put_operator(broken)
+    assert board.stops == Stops()
+    board.put_operator(replace(broken, estop_presses=1))
+    assert board.stops == Stops(estop=1)
+    assert board.operator is GOOD
+
+
+def test_names_on_the_board_are_bounded() -> None:
+    board = make_board(RobotConfig(), 20.0)
+    for n in range(100):
+        board.put_command(Command(f"source {n}", n, Twist()))
+        board.put_lock(Lock(f"lock {n}", n, engaged=True))
+        board.put_operator(replace(GOOD, holder=f"holder {n}", estop_presses=1))
+    inputs = board.snapshot(5, 0, armed=False)
+    assert len(inputs.commands) == len(inputs.locks) == 16
+    assert inputs.stops.estop == 100
+    assert len(board._bystanders) == 16
+
+
+def test_a_snapshot_has_the_newest_of_everything_and_the_scan_as_the_base_sees_it() -> None:
+    board = make_board(RobotConfig(), 20.0)
+    board.put_command(Command("test", 1, Twist(0.1, 0.0)))
+    board.put_command(Command("test", 2, Twist(0.2, 0.0)))
+    board.put_lock(Lock("pause", 3, engaged=False))
+    board.put_scan(scan(2.0), 4)
+    board.stop()
+    inputs = board.snapshot(5, 0, armed=True)
+    assert inputs.commands == (Command("test", 2, Twist(0.2, 0.0)),)
+    assert inputs.locks == (Lock("pause", 3, engaged=False),)
+    assert inputs.stops == Stops(disarm=1)
+    assert inputs.surroundings is not None
+    assert inputs.surroundings.points[405] == pytest.approx((2.2, 0.0))
+    board.withdraw("test")
+    board.withdraw("test")
+    assert board.snapshot(6, 1, armed=True).commands == ()

@@ -76,9 +76,24 @@ def test_the_cue_points_the_short_way_to_the_target(brain: Brain, target_yaw: fl
 
 
 def test_the_robot_holds_while_a_cue_is_shown(brain: Brain) -> None:
-    out = think(brain, [tick(n, target_yaw=2.0) for n in range(250)])
+    out = think(brain, [tick(n, target_yaw=2.0) for n in range(190)])
     assert all(d.wanted == STILL for d in out)
     assert "cue shown" in out[-1].reasons
+
+
+def test_a_gaze_held_against_a_cue_overrules_it_after_four_seconds(brain: Brain) -> None:
+    out = think(brain, [tick(n, target_yaw=2.0) for n in range(300)])
+    intended = next(n for n, d in enumerate(out) if d.intention is not None)
+    driven = next(n for n, d in enumerate(out) if d.wanted != STILL)
+    assert (driven - intended) * TICK_NS == pytest.approx(4e9, abs=TICK_NS)
+    assert out[-1].cue is Cue.LEFT
+
+
+def test_a_cue_that_comes_while_driving_stops_the_robot_whatever_was_intended_before(brain: Brain) -> None:
+    ticks = [tick(n, target_yaw=2.0 if n >= 300 else None) for n in range(400)]
+    out = think(brain, ticks)
+    assert out[299].wanted != STILL
+    assert all(d.wanted == STILL for d in out[305:])
 
 
 def test_turning_the_base_under_a_still_head_is_no_head_motion(brain: Brain) -> None:
@@ -95,9 +110,13 @@ def test_a_target_seen_before_the_base_turned_is_where_it_was(brain: Brain) -> N
     assert out[-1].target_yaw == pytest.approx(0.3 + 0.4 - 59 * 0.02, abs=1e-6)
 
 
-def test_a_stick_overrides_the_gaze(brain: Brain) -> None:
-    stick = [replace(tick(n), operator=replace(tick(n).operator, stick=Twist(0.1, 0.2))) for n in range(5)]
-    assert think(brain, stick)[-1].wanted == Twist(0.1, 0.2)
+def test_while_a_stick_is_given_the_gaze_drives_nothing(brain: Brain) -> None:
+    ticks = [tick(n, head_yaw=0.5) for n in range(250)]
+    driven = replace(ticks[-1], operator=replace(ticks[-1].operator, stick=Twist(0.1, 0.2)))
+    out = think(brain, [*ticks, driven])
+    assert out[-2].wanted != STILL
+    assert out[-1].wanted == STILL
+    assert out[-1].reasons == ("stick",)
 
 
 def test_the_same_inputs_give_the_same_decisions(brain: Brain) -> None:

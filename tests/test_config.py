@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from ghal360_robot.config import RobotConfig, load_config, with_overrides
+from ghal360_robot.config import RobotConfig, load_config, parse_config, with_overrides
 from ghal360_robot.errors import UsageError
 
 EXAMPLE = Path(__file__).parent.parent / "robot.toml"
@@ -40,6 +40,7 @@ def test_every_setting_of_the_example_is_explained_or_named_with_its_unit() -> N
         ("[safety]\noperator_hold_s = 60\noperator_lost_s = 60", "operator_hold_s is 60 s"),
         ("[safety]\nlidar_lost_s = 0.1", "is shorter than lidar_hold_s"),
         ("[safety]\nv_max = 1.5\ndecel = 0.1", "to stop"),
+        ("[safety]\nlocks = {pause = 256}", "setting 'safety.locks.pause'"),
         ("[rmp110]\ninterface = 'socketcand'", "needs host and port"),
         ("[safety\n", "not valid TOML"),
         ("\x00", "not valid TOML"),
@@ -74,3 +75,11 @@ def test_overrides_are_checked_like_the_file() -> None:
 def test_the_hash_is_of_the_settings_not_of_the_file(tmp_path: Path) -> None:
     assert load_config(write(tmp_path, "# empty\n")).sha256() == RobotConfig().sha256()
     assert load_config(write(tmp_path, "[safety]\nv_max = 0.4")).sha256() != RobotConfig().sha256()
+
+
+def test_recorded_settings_come_back_equal_and_damaged_ones_are_one_sentence() -> None:
+    config = with_overrides(RobotConfig(), {"safety": {"v_max": 0.4, "locks": {"pause": 50}}})
+    assert parse_config(config.model_dump_json(), "run") == config
+    for text in ("{", "[1]", "{'a'}", '{"safety": {"v_max": 9}}'):
+        with pytest.raises(UsageError, match=r"^run: "):
+            parse_config(text, "run")

@@ -90,9 +90,12 @@ BASE_STATE = Table(
         own("BaseState", "mode", TEXT, sparse=True),
         own("BaseState", "pose", F64),
         own("BaseState", "faults", TEXT, sparse=True),
+        own("BaseState", "warnings", TEXT, sparse=True),
+        own("BaseState", "temperature_degc", F64, sparse=True),
+        own("BaseState", "covariance", F64, sparse=True),
     ),
 )
-"""Scalars are v, w, battery in percent."""
+"""Scalars are v, w, battery in percent; `covariance` is xx, xy, x yaw, yy, y yaw, yaw yaw of the pose."""
 
 TF_BASE = Table("tf/base", TRANSFORM, slow=True)
 OPERATOR_HEAD = Table("operator/head", (SCALARS,), slow=True)
@@ -104,6 +107,8 @@ OPERATOR_COMMAND = Table(
         own("OperatorInput", "deadman", BOOL),
         own("OperatorInput", "stick", F64),
         own("OperatorInput", "presses", I64),
+        own("OperatorInput", "holder", TEXT, sparse=True),
+        own("OperatorInput", "latency_s", F64, sparse=True),
     ),
 )
 """`stick` is v, w or empty; `presses` are arm, disarm, estop, found."""
@@ -125,10 +130,38 @@ CMD_APPLIED = Table(
         own("Command", "reasons", TEXT, sparse=True),
         own("Command", "arm", TEXT, sparse=True),
         own("Command", "clearance_m", F64),
+        own("Command", "source", TEXT, sparse=True),
     ),
     on_change=True,
     keepalive_ns=KEEPALIVE_NS,
 )
+CMD_ASKED = Table(
+    "cmd/asked",
+    (
+        own("Asked", "sources", TEXT),
+        own("Asked", "stamps", I64),
+        own("Asked", "twists", F64),
+    ),
+    on_change=True,
+    keepalive_ns=KEEPALIVE_NS,
+)
+"""What others than operator and brain ask for; `twists` are v, w of each source."""
+
+CMD_RIGHTS = Table(
+    "cmd/rights",
+    (
+        own("Rights", "locks", TEXT),
+        own("Rights", "lock_stamps", I64),
+        own("Rights", "engaged", BOOL),
+        own("Rights", "holder", TEXT),
+        own("Rights", "lease_stamp", I64),
+        own("Rights", "stops", I64),
+    ),
+    on_change=True,
+    keepalive_ns=KEEPALIVE_NS,
+)
+"""Who may drive: locks, the lease's holder (empty without a lease), and others' stops (disarm, estop)."""
+
 STATE_ARM = Table("state/arm", (STATE,), on_change=True)
 STATE_BASE = Table("state/base", (STATE,), on_change=True)
 LOOP_TIMING = Table("loop/timing", (SCALARS,))
@@ -181,6 +214,8 @@ ORDER = (
     INTENT_BELIEF,
     INTENT_INTENTION,
     CMD_WANTED,
+    CMD_ASKED,
+    CMD_RIGHTS,
     CMD_APPLIED,
     STATE_ARM,
     STATE_BASE,

@@ -154,27 +154,57 @@ class RunReader:
         return heapq.merge(self._can("rx"), self._can("tx"), key=lambda frame: frame.stamp_ns)
 
     def base_states(self) -> Iterator[BaseState]:
-        mode, faults = BaseMode.UNKNOWN, ()
+        mode = BaseMode.UNKNOWN
+        faults: tuple[str, ...] = ()
+        warnings: tuple[str, ...] = ()
+        temperature: float | None = None
+        covariance = [0.0] * 6
         for row in self.rows("base/state"):
             values = row.values
             if "BaseState:mode" in values:
                 mode = BaseMode(values["BaseState:mode"][0])
             if "BaseState:faults" in values:
                 faults = tuple(values["BaseState:faults"])
+            if "BaseState:warnings" in values:
+                warnings = tuple(values["BaseState:warnings"])
+            if "BaseState:temperature_degc" in values:
+                temperature = next(iter(values["BaseState:temperature_degc"].tolist()), None)
+            if "BaseState:covariance" in values:
+                covariance = values["BaseState:covariance"].tolist()
             v, w, battery = values["Scalars:scalars"].tolist()
             pose = Pose2(*values["BaseState:pose"].tolist())
-            yield BaseState(self._stamp(row), mode, pose, Twist(v, w), battery, faults)
+            xx, xy, x_yaw, yy, y_yaw, yaw_yaw = covariance
+            yield BaseState(
+                self._stamp(row),
+                mode,
+                pose,
+                Twist(v, w),
+                battery,
+                faults,
+                temperature,
+                (xx, xy, x_yaw, yy, y_yaw, yaw_yaw),
+                warnings,
+            )
 
     def operator_inputs(self) -> Iterator[OperatorInput]:
+        holder, latency_s = "", 0.0
         for row in self.rows("operator/command"):
             values = row.values
+            holder = values.get("OperatorInput:holder", [holder])[0]
+            latency_s = float(values.get("OperatorInput:latency_s", [latency_s])[0])
             stick = values["OperatorInput:stick"].tolist()
+            arm, disarm, estop, found = values["OperatorInput:presses"].tolist()
             yield OperatorInput(
                 self._stamp(row),
                 HeadPose(*values["OperatorInput:head"].tolist()),
                 bool(values["OperatorInput:deadman"][0]),
                 Twist(*stick) if stick else None,
-                *values["OperatorInput:presses"].tolist(),
+                arm,
+                disarm,
+                estop,
+                found,
+                holder,
+                latency_s,
             )
 
     def links(self) -> Iterator[Link]:

@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from ghal360_robot.messages import Stops
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from ghal360_robot.messages import Applied, Decision, Freshness, LinkStats, Pose2
+    from ghal360_robot.messages import Applied, Command, Decision, Freshness, Lease, LinkStats, Lock, Pose2
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,3 +83,7 @@ class Tick:
     applied: Applied
     lateness_ms: float
     work_ms: float
+    commands: tuple[Command, ...] = ()
+    locks: tuple[Lock, ...] = ()
+    lease: Lease | None = None
+    stops: Stops = Stops()

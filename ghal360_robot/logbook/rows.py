@@ -125,6 +125,9 @@ def base_state(state: BaseState, count: int) -> Iterator[Row]:
             [state.mode.value],
             [pose.x, pose.y, pose.yaw],
             state.faults,
+            state.warnings,
+            [] if state.temperature_degc is None else [state.temperature_degc],
+            list(state.covariance),
         ),
     )
     if count % TF_EVERY == 0:
@@ -142,7 +145,8 @@ def operator(message: OperatorInput) -> Iterator[Row]:
         message.found_presses,
     ]
     yield Row(entities.OPERATOR_HEAD, message.stamp_ns, (head,))
-    yield Row(entities.OPERATOR_COMMAND, message.stamp_ns, (head, [message.deadman], stick, presses))
+    values = (head, [message.deadman], stick, presses, [message.holder], [message.latency_s])
+    yield Row(entities.OPERATOR_COMMAND, message.stamp_ns, values)
 
 
 def link(stamp_ns: int, device: str, stats: LinkStats) -> Iterator[Row]:
@@ -214,9 +218,10 @@ def tick(inputs: Inputs, decision: Decision, applied: Applied, lateness_ms: floa
     yield Row(
         entities.CMD_APPLIED,
         stamp,
-        ([let.v, let.w], applied.reasons, [applied.arm.value], clearance),
+        ([let.v, let.w], applied.reasons, [applied.arm.value], clearance, [applied.source]),
         number,
     )
+    yield from _authority(inputs)
     yield Row(entities.STATE_ARM, stamp, ([applied.arm.value],), number)
     yield Row(entities.STATE_BASE, stamp, ([mode.value],), number)
     yield Row(entities.LOOP_TIMING, stamp, ([lateness_ms, work_ms],), number)
@@ -226,3 +231,23 @@ def tick(inputs: Inputs, decision: Decision, applied: Applied, lateness_ms: floa
         (stamps, list(inputs.freshness), health, [f.age_s for f in fresh]),
         number,
     )
+
+
+def _authority(inputs: Inputs) -> Iterator[Row]:
+    """Who else asks for motion, and who may."""
+    commands, locks, lease, stops = inputs.commands, inputs.locks, inputs.lease, inputs.stops
+    asked = (
+        [command.source for command in commands],
+        [command.stamp_ns for command in commands],
+        [value for command in commands for value in (command.twist.v, command.twist.w)],
+    )
+    rights = (
+        [lock.name for lock in locks],
+        [lock.stamp_ns for lock in locks],
+        [lock.engaged for lock in locks],
+        [] if lease is None else [lease.holder],
+        [] if lease is None else [lease.stamp_ns],
+        [stops.disarm, stops.estop],
+    )
+    yield Row(entities.CMD_ASKED, inputs.stamp_ns, asked, inputs.tick)
+    yield Row(entities.CMD_RIGHTS, inputs.stamp_ns, rights, inputs.tick)

@@ -6,7 +6,18 @@ from typing import TYPE_CHECKING, Any
 
 from ghal360_robot.logbook.records import Tick
 from ghal360_robot.logbook.rows import NO_INTENTION, NO_STAMP
-from ghal360_robot.messages import Applied, ArmState, Cue, Decision, Freshness, Twist
+from ghal360_robot.messages import (
+    Applied,
+    ArmState,
+    Command,
+    Cue,
+    Decision,
+    Freshness,
+    Lease,
+    Lock,
+    Stops,
+    Twist,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -21,6 +32,8 @@ CARRIED = (
     "intent/belief",
     "intent/intention",
     "cmd/wanted",
+    "cmd/asked",
+    "cmd/rights",
     "cmd/applied",
     "loop/timing",
 )
@@ -75,6 +88,24 @@ def _tick(row: StoredRow, stamp_ns: int, devices: list[str], now: dict[str, dict
         _applied(now["cmd/applied"]),
         lateness_ms,
         work_ms,
+        _commands(now["cmd/asked"]),
+        *_rights(now["cmd/rights"]),
+    )
+
+
+def _commands(values: dict[str, Any]) -> tuple[Command, ...]:
+    twists = values["Asked:twists"].reshape(-1, 2).tolist()
+    asked = zip(values["Asked:sources"], values["Asked:stamps"].tolist(), twists, strict=True)
+    return tuple(Command(source, stamp, Twist(*twist)) for source, stamp, twist in asked)
+
+
+def _rights(values: dict[str, Any]) -> tuple[tuple[Lock, ...], Lease | None, Stops]:
+    locks = zip(values["Rights:locks"], values["Rights:lock_stamps"].tolist(), values["Rights:engaged"], strict=True)
+    holder, stamp = values["Rights:holder"], values["Rights:lease_stamp"].tolist()
+    return (
+        tuple(Lock(name, stamp_ns, bool(engaged)) for name, stamp_ns, engaged in locks),
+        Lease(holder[0], stamp[0]) if stamp else None,
+        Stops(*values["Rights:stops"].tolist()),
     )
 
 
@@ -102,4 +133,5 @@ def _applied(values: dict[str, Any]) -> Applied:
         ArmState(values["Command:arm"][0]),
         tuple(values["Command:reasons"]),
         clearance[0] if clearance else None,
+        values["Command:source"][0],
     )

@@ -8,10 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from ghal360_robot.messages import ArmState, BaseMode
+from ghal360_robot.messages import ArmState, BaseMode, Stops
 
 if TYPE_CHECKING:
-    from ghal360_robot.messages import BaseState, OperatorInput
+    from ghal360_robot.messages import BaseState, Inputs, OperatorInput
     from ghal360_robot.safety.staleness import Staleness
 
 DRIVE_TIMEOUT_NS = 2_000_000_000
@@ -27,14 +27,18 @@ class Arming:
     arm_seen: int | None = None
     disarm_seen: int = 0
     estop_seen: int = 0
+    holder: str = ""
+    """Who sent the counts."""
+    stops_seen: Stops = Stops()
     since_ns: int = 0
 
 
-def step(
-    arming: Arming, now_ns: int, operator: OperatorInput | None, base: BaseState | None, stale: Staleness
-) -> Arming:
-    """One tick of the gate."""
-    arming, pressed, replaced = _presses(arming, operator, silent="operator" in stale.silent)
+def step(arming: Arming, inputs: Inputs, stale: Staleness, losses: tuple[str, ...]) -> Arming:
+    """One tick of the gate. `losses` are in words what takes the right to move away, besides what is stale."""
+    now_ns, base = inputs.stamp_ns, inputs.base
+    arming, pressed, replaced = _presses(arming, inputs.operator, silent="operator" in stale.silent)
+    arming, elsewhere = _stops(arming, inputs.stops)
+    pressed |= elsewhere
     if "estop" in pressed:
         return replace(arming, state=ArmState.ESTOP, reason="emergency stop pressed", since_ns=now_ns)
     if arming.state is ArmState.ESTOP:
@@ -42,19 +46,21 @@ def step(
             return replace(arming, state=ArmState.DISARMED, reason="emergency stop reset; press again to arm")
         return arming
     if arming.state is ArmState.ARMED:
-        why = "another operator took over" if replaced else _why_disarm(arming, now_ns, base, stale, pressed)
+        why = "another operator took over" if replaced else _why_disarm(arming, now_ns, base, stale.lost + losses)
+        if "disarm" in pressed:
+            why = "disarmed by somebody else" if "disarm" in elsewhere else "disarmed by the operator"
         return replace(arming, state=ArmState.DISARMED, reason=why) if why else arming
     if "arm" in pressed and "disarm" not in pressed:
-        blockers = why_not_ready(base, stale)
+        blockers = why_not_ready(base, stale, losses)
         if blockers:
             return replace(arming, reason="cannot arm: " + ", ".join(blockers))
         return replace(arming, state=ArmState.ARMED, reason="", since_ns=now_ns)
     return arming
 
 
-def why_not_ready(base: BaseState | None, stale: Staleness) -> tuple[str, ...]:
+def why_not_ready(base: BaseState | None, stale: Staleness, losses: tuple[str, ...]) -> tuple[str, ...]:
     """What stands in the way of arming, in words; empty when a press would arm."""
-    blockers = list(stale.lost + stale.hold)
+    blockers = [*stale.lost, *stale.hold, *losses]
     if base is not None:
         blockers.extend(base.faults)
         if base.mode not in {BaseMode.STANDBY, BaseMode.DRIVE}:
@@ -62,11 +68,9 @@ def why_not_ready(base: BaseState | None, stale: Staleness) -> tuple[str, ...]:
     return tuple(blockers)
 
 
-def _why_disarm(arming: Arming, now_ns: int, base: BaseState | None, stale: Staleness, pressed: frozenset[str]) -> str:
-    if "disarm" in pressed:
-        return "disarmed by the operator"
-    if stale.lost:
-        return ", ".join(stale.lost)
+def _why_disarm(arming: Arming, now_ns: int, base: BaseState | None, losses: tuple[str, ...]) -> str:
+    if losses:
+        return ", ".join(losses)
     if base is not None and base.faults:
         return "base fault: " + ", ".join(base.faults)
     late = now_ns - arming.since_ns > DRIVE_TIMEOUT_NS
@@ -78,21 +82,29 @@ def _why_disarm(arming: Arming, now_ns: int, base: BaseState | None, stale: Stal
 def _presses(arming: Arming, operator: OperatorInput | None, *, silent: bool) -> tuple[Arming, frozenset[str], bool]:
     """Edges since the last tick, and whether somebody else sits at the controls.
 
-    Counts that fall belong to a new operator. Their first message, and the first after a silence, is a new
-    start: an arm press in it may be as old as the silence. A stop counts however old it is.
+    Another holder, or counts that fall, belong to a new operator. Their first message, and the first after a
+    silence, is a new start: an arm press in it may be as old as the silence. A stop counts however old it is.
     """
     if operator is None:
         return arming, frozenset(), False
     counts = (operator.arm_presses, operator.disarm_presses, operator.estop_presses)
     seen = (arming.arm_seen or 0, arming.disarm_seen, arming.estop_seen)
-    fell = any(now < before for now, before in zip(counts, seen, strict=True))
-    replaced = fell and arming.arm_seen is not None
-    new_start = silent or fell or arming.arm_seen is None
-    old = (0, 0, 0) if fell else seen
+    another = operator.holder != arming.holder or any(now < before for now, before in zip(counts, seen, strict=True))
+    replaced = another and arming.arm_seen is not None
+    new_start = silent or another or arming.arm_seen is None
+    old = (0, 0, 0) if another else seen
     names = ("arm", "disarm", "estop")
     pressed = {name for name, now, before in zip(names, counts, old, strict=True) if now > before}
     if new_start:
         pressed.discard("arm")
     arm_seen = None if silent else counts[0]
-    updated = replace(arming, arm_seen=arm_seen, disarm_seen=counts[1], estop_seen=counts[2])
+    updated = replace(arming, arm_seen=arm_seen, disarm_seen=counts[1], estop_seen=counts[2], holder=operator.holder)
     return updated, frozenset(pressed), replaced
+
+
+def _stops(arming: Arming, stops: Stops) -> tuple[Arming, frozenset[str]]:
+    """Stops of anybody else since the last tick; counts that fell have begun anew at zero."""
+    seen = arming.stops_seen
+    counts = (("disarm", stops.disarm, seen.disarm), ("estop", stops.estop, seen.estop))
+    pressed = {name for name, now, before in counts if now > before or 0 < now < before}
+    return replace(arming, stops_seen=stops), frozenset(pressed)

@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 
 from ghal360_robot.messages import STILL, Twist
+from ghal360_robot.safety.lease import LEASE_S
+from ghal360_robot.safety.mux import SOURCES, LockRule, Source
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +24,9 @@ class SafetyLimits:
     margin_m: float = 0.04
     standoff_m: float = 0.10
     reaction_s: float = 0.25
+    lease_s: float = LEASE_S
+    sources: tuple[Source, ...] = SOURCES
+    locks: tuple[LockRule, ...] = ()
     hold_s: tuple[tuple[str, float], ...] = (("operator", 0.2), ("tim571", 0.25), ("rmp110", 0.3), ("theta", 0.7))
     """Age of an input from which the base stands still."""
     lost_s: tuple[tuple[str, float], ...] = (("operator", 1.0), ("tim571", 1.0), ("rmp110", 1.0), ("theta", 2.0))

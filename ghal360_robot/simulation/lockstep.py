@@ -17,7 +17,7 @@ from drivers.rmp110.codec.motion import MotionScale, normalise
 from drivers.rmp110.codec.parameters import RMP110_STORED, ModeRequest, OperationalState
 from drivers.rmp110.simulator.model import RmpModel
 from drivers.tim571.geometry import BEAM_YAW
-from ghal360_robot.assembly import make_brain, make_safety
+from ghal360_robot.assembly import lidar_mount, make_brain, make_safety
 from ghal360_robot.brain import BrainState
 from ghal360_robot.journal import Journal
 from ghal360_robot.messages import (
@@ -38,9 +38,11 @@ from ghal360_robot.simulation.operator_desk import OperatorDesk, PageStatus
 from ghal360_robot.simulation.plant import Body, advance, move
 from ghal360_robot.simulation.view import lidar_view
 from ghal360_robot.simulation.world import CAMERA_HEIGHT_M, ROBOT_RADIUS_M, Role, World
+from ghal360_robot.surroundings import look_around
 
 if TYPE_CHECKING:
     from ghal360_robot.config import RobotConfig
+    from ghal360_robot.messages import Surroundings
 
 TICK_NS = 20_000_000
 TICK_S = TICK_NS / 1e9
@@ -92,6 +94,8 @@ class Lockstep:
         self._rng = np.random.default_rng(seed)
         self._see = lidar_view(world, lambda: self.body.pose)
         self._scan: LidarScan | None = None
+        self._around: Surroundings | None = None
+        self._mount = lidar_mount(config)
         self._detections: Detections | None = None
         self._upcoming: list[Detections] = []
         self._operator: OperatorInput | None = None
@@ -102,7 +106,17 @@ class Lockstep:
         self._sense(now_ns)
         armed = self.safety_state.arming.state is ArmState.ARMED
         state = self._base_state(now_ns)
-        inputs = Inputs(now_ns, self.tick, state, self._scan, self._detections, self._operator, HEALTHY, armed)
+        inputs = Inputs(
+            now_ns,
+            self.tick,
+            state,
+            self._scan,
+            self._detections,
+            self._operator,
+            HEALTHY,
+            armed,
+            surroundings=self._around,
+        )
         self.brain_state, decision = self.brain.step(self.brain_state, inputs)
         self.safety_state, applied = self.safety.step(self.safety_state, inputs, decision.wanted)
         self.journal.observe(inputs, decision, applied)
@@ -121,6 +135,7 @@ class Lockstep:
             number = self.tick // SCAN_EVERY % 65536
             yaw = np.asarray(BEAM_YAW, np.float32)
             self._scan = LidarScan(now_ns, distance.astype(np.float32), yaw, number, number, now_ns // 1000)
+            self._around = look_around(self._scan, self._mount)
         if self.tick % PICTURE_EVERY == 0:
             self._upcoming.append(ideal_detections(self.world, pose, now_ns, self.tick))
         if self._upcoming and self._upcoming[0].picture + DETECTION_DELAY_TICKS <= self.tick:

@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ghal360_robot.messages import (
+    STILL,
     Applied,
     ArmState,
     BaseMode,
     BaseState,
+    Command,
     Cue,
     Decision,
     Detection,
@@ -20,9 +22,12 @@ from ghal360_robot.messages import (
     Freshness,
     HeadPose,
     Inputs,
+    Lease,
     LidarScan,
+    Lock,
     OperatorInput,
     Pose2,
+    Stops,
     Twist,
 )
 
@@ -44,7 +49,10 @@ def base_state(stamp_ns: int, k: int) -> BaseState:
     faults = ("the left wheel does not answer",) if k % 7 == 3 else ()
     mode = BaseMode.DRIVE if k % 5 else BaseMode.STANDBY
     pose = Pose2(0.1 * k, math.sin(k), -math.pi / 3 * k)
-    return BaseState(stamp_ns, mode, pose, Twist(0.1 + k / 3, -0.1), 87.3 - k / 10, faults)
+    twist, battery, temperature = Twist(0.1 + k / 3, -0.1), 87.3 - k / 10, 31 + k / 3 if k % 4 else None
+    warnings = ("the left wheel slips", "slow") if k % 11 > 7 else ()
+    covariance = (k // 9 / 3, 0.0, -1e-300, 1 / 3, 0.0, 0.1)
+    return BaseState(stamp_ns, mode, pose, twist, battery, faults, temperature, covariance, warnings)
 
 
 def scan(stamp_ns: int, k: int, *, rssi: bool = True) -> LidarScan:
@@ -63,7 +71,8 @@ def detections(stamp_ns: int, k: int) -> Detections:
 
 def operator(stamp_ns: int, k: int) -> OperatorInput:
     stick = Twist(0.1 * k, -1 / 3) if k % 2 else None
-    return OperatorInput(stamp_ns, HeadPose(math.sin(k), 0.1, 1.5), k % 3 == 0, stick, k, 2 * k, 0, 1)
+    head, holder = HeadPose(math.sin(k), 0.1, 1.5), ("", "page 1", "Zoë")[k // 5 % 3]
+    return OperatorInput(stamp_ns, head, k % 3 == 0, stick, k, 2 * k, 0, 1, holder, k // 8 / 7)
 
 
 def inputs(stamp_ns: int, tick: int) -> Inputs:
@@ -78,6 +87,10 @@ def inputs(stamp_ns: int, tick: int) -> Inputs:
             "theta": Freshness(alive=True, rate_ok=False, valid=True, age_s=1 / (tick + 3)),
             "operator": Freshness(alive=False, rate_ok=False, valid=False, age_s=math.inf),
         },
+        commands=(Command("test", stamp_ns - 4, Twist(1 / 3, -0.1)), Command("dock", 5, STILL))[: tick // 6 % 3],
+        locks=(Lock("pause", stamp_ns, tick % 2 == 0), Lock("door", 7, engaged=True))[: tick // 4 % 3],
+        lease=None if tick // 8 % 2 else Lease("page 1", tick // 50),
+        stops=Stops(tick // 30, tick // 100),
     )
 
 
@@ -98,4 +111,5 @@ def decision(tick: int) -> Decision:
 def applied(tick: int) -> Applied:
     arm = list(ArmState)[tick // 25 % 3]
     reasons = ("a person is 0.9 m ahead", "curve") if tick // 15 % 2 else ()
-    return Applied(Twist(0.001 * (tick // 4), 0.0), arm, reasons, None if tick // 10 % 2 else 1 / (tick + 1))
+    clearance, source = None if tick // 10 % 2 else 1 / (tick + 1), ("", "teleop", "autonomy")[tick // 12 % 3]
+    return Applied(Twist(0.001 * (tick // 4), 0.0), arm, reasons, clearance, source)

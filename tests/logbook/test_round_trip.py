@@ -136,6 +136,8 @@ def test_ticks_come_back_equal_although_unchanged_rows_are_left_out(recorder: Re
         assert (tick.lateness_ms, tick.work_ms) == (k / 7, 1 / k)
         assert tick.base_ns == seen.stamp_ns - 1
         assert tick.operator_ns is None
+        assert (tick.commands, tick.locks, tick.lease) == (seen.commands, seen.locks, seen.lease)
+        assert tick.stops == seen.stops
 
 
 def test_early_ticks_have_seen_nothing(recorder: Recorder) -> None:

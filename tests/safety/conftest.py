@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from calibration.mounting import LidarMount
 from ghal360_robot.messages import (
     BaseMode,
     BaseState,
@@ -12,8 +13,10 @@ from ghal360_robot.messages import (
     LidarScan,
     OperatorInput,
     Pose2,
+    Surroundings,
     Twist,
 )
+from ghal360_robot.surroundings import look_around
 
 TICK_NS = 20_000_000
 YAW = np.radians(np.linspace(-135, 135, 811)).astype(np.float32)
@@ -22,6 +25,10 @@ YAW = np.radians(np.linspace(-135, 135, 811)).astype(np.float32)
 def scan(ranges: np.ndarray | float = 5.0) -> LidarScan:
     values = np.broadcast_to(np.asarray(ranges, np.float32), YAW.shape).copy()
     return LidarScan(0, values, YAW, 0, 0, 0)
+
+
+def around(seen: LidarScan) -> Surroundings:
+    return look_around(seen, LidarMount())
 
 
 def inputs(tick: int, **changes: object) -> Inputs:
@@ -36,6 +43,8 @@ def inputs(tick: int, **changes: object) -> Inputs:
         "freshness": dict.fromkeys(("operator", "tim571", "rmp110", "theta"), fresh),
     }
     values.update(changes)
+    if isinstance(values["scan"], LidarScan):
+        values.setdefault("surroundings", around(values["scan"]))
     return Inputs(stamp, tick, **values)  # type: ignore[arg-type]
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibration.mounting import scan_points
+from calibration.mounting import LidarMount, scan_points
 from ghal360_robot.messages import STILL, Applied, ArmState, BaseMode, Freshness, Inputs, Twist
 from ghal360_robot.safety.chain import Safety, SafetyState
 from ghal360_robot.safety.stop_zone import limit
@@ -130,19 +130,19 @@ def test_the_robot_stops_before_a_wall_and_may_still_turn() -> None:
     for n in range(600):
         wall = 2.0 - position - 0.2  # the lidar sits 0.2 m ahead of the base's centre
         ranges = np.where(np.abs(YAW) < 1.2, wall / np.cos(np.clip(YAW, -1.2, 1.2)), 8.0)
-        state, applied = safety.step(state, replace(inputs(n), scan=scan(ranges)), FORWARD)
+        state, applied = safety.step(state, inputs(n, scan=scan(ranges)), FORWARD)
         position += applied.twist.v * 0.02
     assert 2.0 - position > safety.limits.footprint_radius_m + 0.9 * safety.limits.standoff_m
     assert applied.twist.v == pytest.approx(0.0, abs=1e-3)
     assert any("obstacle" in r for r in applied.reasons)
-    state, turned = safety.step(state, replace(inputs(601), scan=scan(ranges)), Twist(0.0, 0.5))
+    state, turned = safety.step(state, inputs(601, scan=scan(ranges)), Twist(0.0, 0.5))
     assert turned.twist.w > 0
 
 
 def test_a_covered_lidar_stops_translation() -> None:
     safety = Safety()
     state, _ = armed(safety)
-    state, out = drive(safety, [replace(inputs(100), scan=scan(np.nan))], FORWARD, state)
+    state, out = drive(safety, [inputs(100, scan=scan(np.nan))], FORWARD, state)
     assert out[0].twist.v == 0.0
     assert "covered" in out[0].reasons[0]
 
@@ -150,7 +150,7 @@ def test_a_covered_lidar_stops_translation() -> None:
 def test_too_close_already_the_robot_may_only_crawl_away() -> None:
     safety = Safety()
     touching = np.where(np.abs(YAW - np.float32(math.radians(130))) < 0.05, 0.5, 6.0)
-    _, out = drive(safety, [replace(inputs(n), scan=scan(touching)) for n in range(60)], FORWARD)
+    _, out = drive(safety, [inputs(n, scan=scan(touching)) for n in range(60)], FORWARD)
     assert 0.0 < out[-1].twist.v <= 0.1 + 1e-9
 
 
@@ -228,8 +228,8 @@ def test_what_goes_out_is_exactly_what_was_checked_against_the_scan() -> None:
     corner = np.where((YAW > -0.35) & (YAW < 0.0), 1.2, 6.0)
     state = SafetyState()
     for n in range(200):
-        state, applied = safety.step(state, replace(inputs(n), scan=scan(corner)), Twist(0.5, 0.6))
-        points = scan_points(scan(corner).ranges, YAW, safety.lidar)
+        state, applied = safety.step(state, inputs(n, scan=scan(corner)), Twist(0.5, 0.6))
+        points = scan_points(scan(corner).ranges, YAW, LidarMount())
         again, reasons, _ = limit(points, applied.twist, safety.limits)
         assert again == applied.twist
         assert reasons == ()
