@@ -17,7 +17,7 @@ from drivers.rmp110.codec.assembler import Assembler
 from drivers.rmp110.codec.commands import POLL
 from drivers.rmp110.codec.feedback import FACTORY_BITMAPS, Layout
 from drivers.rmp110.codec.parameters import RMP110_STORED, Stored
-from drivers.rmp110.errors import RmpError
+from drivers.rmp110.errors import RmpSendDropped
 from drivers.rmp110.simulator.model import RmpModel
 from drivers.rmp110.simulator.serve import serve
 from drivers.rmp110.transport.can_bus import CanTransport
@@ -28,12 +28,14 @@ if TYPE_CHECKING:
 
     from drivers.rmp110.codec.frames import Frame
 
-RATE_HZ = 100
+PERIOD_S = 0.01
 """The fastest a base answers (fact sheet 3.5)."""
 INTERFACES = ("virtual", "socketcand")
 LAST_REPLY_S = 0.5
 START_S = 5.0
 CHANNEL = "bench"
+LAYOUT = Layout.of(FACTORY_BITMAPS)
+FRAMES = LAYOUT.frame_count
 READER = "rmp110-reader"
 """Name of the transport's thread."""
 
@@ -45,17 +47,26 @@ class FeedbackRun:
     interface: str
     seconds: float
     polls: int
+    """Sent; after a stall of this machine they go on at their pace, and the missed ones are not made up for."""
+    polls_dropped: int
+    """Those the bus did not take."""
+    frames: int
     packets: int
     torn: int
+    """Packets given up because their frames came late or not at all."""
     damaged: int
-    polls_dropped: int
     reader_cpu: float
     """The transport's thread: waiting for frames, parsing, stamping."""
     loop_cpu: float
     """The event loop: polls, and frames into packets."""
 
     @property
+    def frames_lost(self) -> int:
+        return self.polls * FRAMES - self.frames
+
+    @property
     def lost(self) -> int:
+        """Packets that were asked for and did not come whole."""
         return self.polls - self.packets
 
     @property
@@ -63,11 +74,11 @@ class FeedbackRun:
         return self.packets > 0 and not (self.lost or self.torn or self.damaged or self.polls_dropped)
 
     def to_json(self) -> dict[str, Any]:
-        return {**asdict(self), "lost": self.lost, "passed": self.passed}
+        return {**asdict(self), "lost": self.lost, "frames_lost": self.frames_lost, "passed": self.passed}
 
 
 def measure(interface: str, seconds: float) -> FeedbackRun:
-    """Poll a simulated base over this python-can interface. Raises RmpError, GhalError."""
+    """Poll a simulated base over this python-can interface. Raises RmpError, GhalError where the bus is lost."""
     with _base(interface) as port:
         options: dict[str, Any] = {"host": "127.0.0.1", "port": port} if port else {}
         return asyncio.run(_poll(interface, CanTransport(interface, CHANNEL, **options), seconds))
@@ -104,29 +115,34 @@ def _base(interface: str) -> Iterator[int]:
 
 
 async def _poll(interface: str, transport: CanTransport, seconds: float) -> FeedbackRun:
-    assembler = Assembler(Layout.of(FACTORY_BITMAPS).frame_count)
-    polls = round(seconds * RATE_HZ)
-    packets = dropped = 0
-    all_there = asyncio.Event()
+    assembler = Assembler(FRAMES)
+    polls = dropped = frames = packets = 0
+    news = asyncio.Event()
     lost: list[str] = []
 
     def receive(stamp_ns: int, frame: Frame) -> None:
-        nonlocal packets
+        nonlocal frames, packets
+        frames += 1
         packets += assembler.feed(stamp_ns, frame) is not None
-        if packets == polls:
-            all_there.set()
+        news.set()
 
     await transport.open(receive, lost.append)
     try:
         began, reader_s, loop_s = time.monotonic(), _reader_cpu_s(), time.thread_time()
-        for k in range(polls):
+        due = began
+        while due < began + seconds:
             try:
                 transport.send(POLL)
-            except RmpError:
+                polls += 1
+            except RmpSendDropped:
                 dropped += 1
-            await asyncio.sleep(max(0.0, began + (k + 1) / RATE_HZ - time.monotonic()))
+            due = max(due + PERIOD_S, time.monotonic())
+            await asyncio.sleep(due - time.monotonic())
         with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(all_there.wait(), LAST_REPLY_S)
+            async with asyncio.timeout(LAST_REPLY_S):
+                while frames < polls * FRAMES:
+                    news.clear()
+                    await news.wait()
         spent_s = time.monotonic() - began
         reader_s, loop_s = _reader_cpu_s() - reader_s, time.thread_time() - loop_s
         damaged = transport.damaged + assembler.damaged
@@ -138,10 +154,11 @@ async def _poll(interface: str, transport: CanTransport, seconds: float) -> Feed
         interface=interface,
         seconds=round(spent_s, 2),
         polls=polls,
+        polls_dropped=dropped,
+        frames=frames,
         packets=packets,
         torn=assembler.torn,
         damaged=damaged,
-        polls_dropped=dropped,
         reader_cpu=round(reader_s / spent_s, 3),
         loop_cpu=round(loop_s / spent_s, 3),
     )
