@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test lint campaign pictures clean
+.PHONY: run test lint campaign drives pictures clean
 
 run: $(VENV)/.installed
 	$(BIN)/ghal360 demo
@@ -20,6 +20,10 @@ lint: $(VENV)/.installed
 campaign: $(VENV)/.installed
 	$(BIN)/pytest -m campaign --timeout=3600
 
+# 2,000 random drives among walking people, half a minute each, in simulated time: about half an hour on two cores.
+drives: $(VENV)/.installed
+	$(BIN)/python benchmarks/drives.py --drives 2000
+
 # The pictures under docs/.
 pictures: $(VENV)/.installed
 	$(BIN)/ghal360 pictures docs
@@ -28,7 +32,7 @@ $(VENV)/.installed: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 		{ echo "Python 3.11 or newer is needed (set PYTHON=...)"; exit 1; }
 	$(PYTHON) -m venv $(VENV) || { echo "python3-venv is missing: apt install python3-venv"; exit 1; }
-	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[sim,dev]'
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[sim,export,dev]'
 	@touch $@
 
 clean:

@@ -13,7 +13,7 @@ from drivers.rmp110.errors import RmpError
 from drivers.theta_v.errors import ThetaError
 from drivers.tim571.errors import TimError
 from ghal360_robot import __version__
-from ghal360_robot.cli import bench, config, demo, inspect, pictures, probe, run, simulate
+from ghal360_robot.cli import bench, config, demo, export, inspect, pictures, probe, replay, run, simulate
 from ghal360_robot.errors import GhalError
 from ghal360_robot.logbook.errors import LogbookError
 
@@ -35,6 +35,8 @@ app.command("demo")(demo.demo)
 app.add_typer(probe.app, name="probe")
 app.add_typer(simulate.app, name="simulate")
 app.command("inspect")(inspect.inspect)
+app.command("replay")(replay.replay)
+app.command("export")(export.export)
 app.add_typer(bench.app, name="bench")
 app.add_typer(config.app, name="config")
 app.command("pictures")(pictures.pictures)

@@ -41,8 +41,10 @@ from ghal360_robot.simulation.world import CAMERA_HEIGHT_M, ROBOT_RADIUS_M, Role
 from ghal360_robot.surroundings import look_around
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from ghal360_robot.config import RobotConfig
-    from ghal360_robot.messages import Surroundings
+    from ghal360_robot.messages import Applied, Decision, Surroundings
 
 TICK_NS = 20_000_000
 TICK_S = TICK_NS / 1e9
@@ -77,7 +79,13 @@ class Outcome:
 class Lockstep:
     """One robot in one world, advanced tick by tick."""
 
-    def __init__(self, world: World, config: RobotConfig, seed: int) -> None:
+    def __init__(
+        self,
+        world: World,
+        config: RobotConfig,
+        seed: int,
+        on_tick: Callable[[Inputs, Decision, Applied], None] | None = None,
+    ) -> None:
         self.world = world
         self.brain, self.safety = make_brain(config), make_safety(config)
         self.brain_state, self.safety_state = BrainState(), SafetyState()
@@ -89,6 +97,7 @@ class Lockstep:
         self.odometry = Pose2()
         self.desk = OperatorDesk(world, seed)
         self.journal = Journal(0)
+        self._on_tick = on_tick
         self.tick = 0
         self.least_clearance_m = math.inf
         self._rng = np.random.default_rng(seed)
@@ -120,6 +129,8 @@ class Lockstep:
         self.brain_state, decision = self.brain.step(self.brain_state, inputs)
         self.safety_state, applied = self.safety.step(self.safety_state, inputs, decision.wanted)
         self.journal.observe(inputs, decision, applied)
+        if self._on_tick is not None:
+            self._on_tick(inputs, decision, applied)
         self._drive(now_ns, applied.arm, applied.twist)
         status = PageStatus(
             decision.cue.value, applied.arm is ArmState.ARMED, not self.safety.not_ready(inputs), trouble=False
