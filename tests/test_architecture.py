@@ -20,6 +20,9 @@ PURE = (
     "ghal360_robot/messages.py",
     "ghal360_robot/brain.py",
     "ghal360_robot/trail.py",
+    "ghal360_robot/surroundings.py",
+    "ghal360_robot/export/viewport.py",
+    "ghal360_robot/export/ros2_messages.py",
     "ghal360_robot/perception/sphere.py",
     "ghal360_robot/perception/wedges.py",
     "ghal360_robot/guidance/",
@@ -32,6 +35,7 @@ IMPURE = {"asyncio", "threading", "rerun", "time", "socket", "subprocess", "mult
 KNOWS_THE_WORLD = (
     "ghal360_robot/simulation/",
     "ghal360_robot/cli/",
+    "ghal360_robot/bench/",
     "ghal360_robot/perception/detectors/painted.py",  # its hues are the world's paint, and it says so
 )
 
@@ -109,7 +113,7 @@ def test_only_the_logbook_imports_rerun() -> None:
     assert offences("", lambda module: module.split(".")[0] == "rerun", ("ghal360_robot/logbook/",)) == []
 
 
-def test_only_simulation_and_command_line_know_the_simulated_world() -> None:
+def test_only_simulation_bench_and_command_line_know_the_simulated_world() -> None:
     assert offences("", lambda module: module.startswith("ghal360_robot.simulation"), KNOWS_THE_WORLD) == []
 
 
