@@ -25,12 +25,20 @@ class RmpForeignCommands(RmpLinkError):
     """Somebody else commands the base on the same bus."""
 
 
+class RmpPoweringDown(RmpLinkError):
+    """The base announced that it switches itself off."""
+
+
 class RmpTimeout(RmpError, TimeoutError):
     """The base answers, but did not do what was asked in time."""
 
 
 class RmpSendDropped(RmpError, OSError):
     """The bus did not take a frame; the frame is gone, nothing is queued."""
+
+
+class RmpTooFast(RmpSendDropped):
+    """A motion command came sooner after the last one than the base takes them; it was not sent."""
 
 
 class RmpUnsupported(RmpError, NotImplementedError):
@@ -47,6 +55,10 @@ class RmpNotIdentified(RmpRefused):
 
 class RmpWrongMode(RmpRefused):
     """The base is not in the mode that this needs, or was not put there by an explicit request."""
+
+
+class RmpHeld(RmpRefused):
+    """The watchdog stopped the base while the program was stuck; a zero command has to come first."""
 
 
 class RmpFaulted(RmpRefused):

@@ -1,206 +1,189 @@
-"""Finding out what base answers before anything may move (fact sheet section 13).
+"""Finding out what base answers on CAN before anything may move (fact sheet section 13).
 
-Nothing sent here can move a base of dialect B2 or B3: polls, command 30, and writes of parameters.
+Nothing sent here can move a base of the 0x500 family: polls, requests for its parameters and its fault log,
+and writes of parameters.
 """
 
 from __future__ import annotations
 
-import time
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
-from drivers.rmp110.codec.assembler import Packet, ReplyCollector
-from drivers.rmp110.codec.commands import POLL, configure, force_config_feedback
-from drivers.rmp110.codec.feedback import COMPACT_BITMAPS, CONFIG_REPLY_FRAMES, Dialect, Layout
-from drivers.rmp110.codec.frames import Frame, as_float32
-from drivers.rmp110.codec.motion import MotionScale
-from drivers.rmp110.codec.parameters import (
-    BY_NAME,
-    PARAMETERS,
-    RMP110_TRACK_MINIMUM_M,
-    Number,
-    OperationalState,
-    Stored,
-)
+from drivers.rmp110.codec.commands import POLL
+from drivers.rmp110.codec.dialect import Action, Dialect
+from drivers.rmp110.codec.fault_log import PACKET_WORDS, PACKETS, FaultLog, decode_fault_log
+from drivers.rmp110.codec.parameters import OperationalState, Stored
+from drivers.rmp110.codec.vocabulary import B1, B2, B3, VOCABULARIES, Vocabulary
 from drivers.rmp110.device.config import Rmp110Config
+from drivers.rmp110.device.inquiry import Reply, ask
+from drivers.rmp110.device.judgement import check_plausible, judge
+from drivers.rmp110.device.language import SILENT, CanLanguage
 from drivers.rmp110.device.link import Link
-from drivers.rmp110.device.state import NEEDED, Identity
+from drivers.rmp110.device.state import Identity, LinkState
 from drivers.rmp110.errors import RmpSilent, RmpUnsupported
 
 LISTEN_S = 0.3
 """Three periods of the slowest sensible command stream (10 Hz): is somebody else driving?"""
 PROBE_PERIOD_S, PROBES = 0.1, 5
 """Five polls at 10 Hz; a base that is on answers the first."""
-REPLY_TIMEOUT_S = 0.15
-"""Reply within 10 ms, longest packet 6.5 ms, then 20 ms of quiet; the rest is for a busy computer."""
 READ_ATTEMPTS = 5
 WRITE_SPACING_S = 0.05
 """The vendor's own sample leaves 50 ms between configuration writes."""
 WRITE_ROUNDS = 3
+LOG_ATTEMPTS = 3
+"""The log comes in six replies; where one is lost only the first can be asked for again."""
 
-MUST_MATCH = ("max_accel", "max_decel", "max_yaw_accel", "tire_diameter", "gear_ratio")
-"""Stored parameters that change how far and how fast the base really goes for the same command."""
+CANDIDATES: Mapping[str, tuple[Vocabulary, ...]] = {"auto": (B2, B3), "b1": (B1,), "b2": (B2,), "b3": (B3,)}
+"""By configured dialect. B2 and B3 are asked for their parameters by the same number."""
 
-SILENT = (
-    "the base does not answer: switch it on (after a kill switch it needs its power button), "
-    "check the CAN cable and the bit rate of 1 Mbit/s; an old RMP with 0x400 ids cannot be used"
+LOOKS_LIKE_B1 = (
+    "the base looks like one of dialect B1 (replies of {} frames): the question that tells the others may latch "
+    "a fault in it; set the dialect to b1, or to b2 where you know better"
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Reply:
-    """What followed a request: whether anything did, and the packet where it came whole."""
+async def identify(link: Link, config: Rmp110Config, enter: Callable[[LinkState], None]) -> Identity:
+    """Who answers, with what parameters; writes what may be written.
 
-    heard: bool
-    packet: Packet | None = None
-
-
-async def listen(link: Link) -> None:
-    """Hear whether somebody else commands the base before sending anything. Raises RmpForeignCommands."""
+    Raises RmpSilent, RmpUnsupported, RmpLinkError (RmpForeignCommands where somebody else drives).
+    """
+    books = CANDIDATES[config.dialect]
+    enter(LinkState.PROBING)
     await link.pause(LISTEN_S)
+    reply = await probe(link)
+    if config.dialect == "auto" and len(reply.words) // 2 == B1.layout(B1.factory_bitmaps).frame_count:
+        raise RmpUnsupported(LOOKS_LIKE_B1.format(len(reply.words) // 2))
+    enter(LinkState.IDENTIFYING)
+    book, stored = await read_stored(link, books)
+    values = await read_values(link, book, stored)
+    fault_log = await read_fault_log(link, book) if config.read_fault_log else None
+    enter(LinkState.CONFIGURING)
+    # Parameters change how a base brakes: they are not written while it may be rolling.
+    rolling = OperationalState.of(int(values.get("operational_state", -1))) is OperationalState.TRACTOR
+    stored = await write_differing(link, book, stored, config, parameters=config.write_parameters and not rolling)
+    firmware = _firmware(values, fault_log)
+    return conclude(book.dialect, stored, config, firmware=firmware, fault_log=fault_log)
 
 
-async def probe(link: Link) -> bool:
-    """Whether polls are answered. A base whose feedback bitmaps are all zero does not, and is still there."""
+def conclude(
+    dialect: Dialect,
+    stored: Stored,
+    config: Rmp110Config,
+    *,
+    firmware: str = "",
+    fault_log: FaultLog | None = None,
+) -> Identity:
+    """What the driver may do with a base of this dialect and with these parameters. Raises RmpUnsupported."""
+    book = VOCABULARIES[dialect]
+    layout = book.layout(stored.bitmaps)
+    speak = partial(CanLanguage, book, layout)
+    bit = book.drive_while_charging
+    return judge(dialect, stored, layout, config, speak, charging_bit=bit, firmware=firmware, fault_log=fault_log)
+
+
+async def probe(link: Link) -> Reply:
+    """The answer to a poll. A base whose feedback bitmaps are all zero gives none, and is still there."""
+    reply = Reply(heard=False)
     for _ in range(PROBES):
-        collector = _collect(link)
-        if not link.try_send(POLL):
-            await link.pause(PROBE_PERIOD_S)
-        elif await link.wait(lambda c=collector: c.started, PROBE_PERIOD_S):  # type: ignore[misc]
-            await _until_quiet(link, collector)
-            return True
-    return False
+        reply = await ask(link, POLL, PROBE_PERIOD_S)
+        if reply.packet:
+            break
+    return reply
 
 
-async def read_stored(link: Link) -> tuple[Dialect, Stored]:
-    """Dialect by reply length and the stored parameters, read until two replies in a row are the same.
+async def read_stored(link: Link, books: Sequence[Vocabulary]) -> tuple[Vocabulary, Stored]:
+    """Which of these dialects it is, by reply length, and the parameters, once two replies are the same.
 
     Raises RmpSilent, RmpUnsupported.
     """
+    off = books[0].act(Action.FORCE_CONFIG_FEEDBACK, 0)
     try:
-        words = await _read_words(link)
+        words = await _read_words(link, books[0])
     except BaseException:
         # Whatever happened: never leave the base answering with parameters instead of its state.
-        link.farewell(force_config_feedback(on=False))
+        link.farewell(off)
         raise
-    await _ask(link, force_config_feedback(on=False))
-    return _interpret(words)
+    await ask(link, off)
+    return _interpret(words, books)
 
 
-async def _read_words(link: Link) -> tuple[int, ...]:
+async def _read_words(link: Link, book: Vocabulary) -> tuple[int, ...]:
     """The configuration reply, once two in a row are the same."""
-    before = await _ask(link, force_config_feedback(on=True))
+    before = await ask(link, book.act(Action.FORCE_CONFIG_FEEDBACK, 1))
     words: tuple[int, ...] | None = None
     for _ in range(READ_ATTEMPTS):
-        reply = await _ask(link, POLL)
+        reply = await ask(link, POLL)
         if not (reply.heard or before.heard):
             raise RmpSilent(SILENT)
         before = reply
         if reply.packet:
-            if reply.packet.words == words:
+            if reply.words == words:
                 return words
-            words = reply.packet.words
+            words = reply.words
     raise RmpUnsupported("the base's configuration replies differ from each other: frames get lost on the bus")
 
 
-def _interpret(words: tuple[int, ...]) -> tuple[Dialect, Stored]:
-    dialect = CONFIG_REPLY_FRAMES.get(len(words) // 2)
-    if dialect is not Dialect.B2:
-        spoken = f"dialect {dialect.value}" if dialect else f"a dialect with {len(words) // 2} configuration frames"
-        raise RmpUnsupported(f"the base speaks {spoken}; this driver moves bases of dialect B2 only")
-    stored = Stored(words)
-    for parameter in PARAMETERS[: Number.GEAR_RATIO]:
-        track = parameter.number == Number.TRACK_WIDTH
-        low_enough = track and RMP110_TRACK_MINIMUM_M - 1e-6 <= stored[parameter.name] <= parameter.maximum
-        if not (low_enough or parameter.accepts(words[parameter.number - 1])):
-            raise RmpUnsupported(
-                f"the base's reply does not look like stored parameters ({parameter.name} reads "
-                f"{stored[parameter.name]:g}); this is not an RMP of dialect B2"
-            )
-    return dialect, stored
+def _interpret(words: tuple[int, ...], books: Sequence[Vocabulary]) -> tuple[Vocabulary, Stored]:
+    frames = len(words) // 2
+    book = next((book for book in books if book.config_reply_frames == frames), None)
+    if book is None:
+        wanted = " or ".join(f"dialect {book.dialect.value} ({book.config_reply_frames})" for book in books)
+        other = next((b for b in (B1, B2, B3) if b.config_reply_frames == frames), None)
+        spoken = f": it speaks dialect {other.dialect.value}, set that" if other else "; it is none that is known"
+        raise RmpUnsupported(
+            f"the base replies with {frames} configuration frames, expected was {wanted}{spoken}; "
+            "if it reports an unknown command now, switch it off and on"
+        )
+    stored = book.stored(words)
+    check_plausible(stored)
+    return book, stored
 
 
-async def read_mode(link: Link, layout: Layout) -> OperationalState:
-    """The mode the base reports; UNKNOWN where its feedback set does not tell."""
-    packet = (await _ask(link, POLL)).packet
-    if packet is None or len(packet.words) < len(layout.words) or layout.missing(["operational_state"]):
-        return OperationalState.UNKNOWN
-    return OperationalState.of(int(layout.decode(packet.words)["operational_state"]))
+async def read_values(link: Link, book: Vocabulary, stored: Stored) -> dict[str, float]:
+    """The base's state by name; empty where its feedback set does not fit the reply."""
+    layout = book.layout(stored.bitmaps)
+    reply = await ask(link, POLL)
+    return layout.decode(reply.words) if 0 < len(reply.words) == 2 * layout.frame_count else {}
 
 
-async def write_differing(link: Link, stored: Stored, config: Rmp110Config, *, parameters: bool) -> Stored:
+async def read_fault_log(link: Link, book: Vocabulary) -> FaultLog | None:
+    """The base's fault log; None where it does not come whole."""
+    for _ in range(LOG_ATTEMPTS):
+        words: list[int] = []
+        for number in range(PACKETS):
+            reply = await ask(link, book.act(Action.FAULT_LOG, int(number == 0)))
+            if len(reply.words) != PACKET_WORDS:
+                break
+            words += reply.words
+        else:
+            return decode_fault_log(words)
+    return None
+
+
+async def write_differing(
+    link: Link, book: Vocabulary, stored: Stored, config: Rmp110Config, *, parameters: bool
+) -> Stored:
     """Write what differs and is allowed to be written; the parameters as they are afterwards.
 
     A base keeps its old value where it refuses one: that shows in the read-back and is not an error here.
     """
     wanted = dict(config.expected) if parameters else {}
     if config.write_feedback_set:
-        wanted |= {f"feedback_bitmap_{n}": word for n, word in enumerate(COMPACT_BITMAPS, start=1)}
+        wanted |= {f"feedback_bitmap_{n}": word for n, word in enumerate(book.compact_bitmaps, start=1)}
     for _ in range(WRITE_ROUNDS):
         differing = stored.differing(wanted)
         if not differing:
             break
         for name, (_, value) in differing.items():
-            link.try_send(configure(BY_NAME[name].number, value))
+            link.try_send(book.store(name, value))
             await link.pause(WRITE_SPACING_S)
-        _, stored = await read_stored(link)
+        _, stored = await read_stored(link, (book,))
     return stored
 
 
-def conclude(dialect: Dialect, stored: Stored, config: Rmp110Config) -> Identity:
-    """What the driver may do with a base that has these parameters. Raises RmpUnsupported."""
-    layout = Layout.of(stored.bitmaps)
-    missing = layout.missing(NEEDED)
-    if missing:
-        raise RmpUnsupported(
-            f"the base's feedback set lacks {', '.join(missing[:3])}{' and more' if len(missing) > 3 else ''}: "
-            "allow the driver to write it (write_feedback_set)"
-        )
-    for name in ("max_velocity", "max_yaw_rate"):
-        if stored[name] <= 0:
-            raise RmpUnsupported(f"the base has stored {name} = 0 and cannot move: allow write_parameters")
-    differences = stored.differing(config.expected)
-    hard = [name for name in MUST_MATCH if name in differences]
-    refusal = None
-    if hard:
-        name = hard[0]
-        have, want = differences[name]
-        refusal = (
-            f"the base has stored {name} = {have:g} {BY_NAME[name].unit}, the configuration expects {want:g}: "
-            "allow the driver to write it (write_parameters) or correct the configuration"
-        )
-    scale = MotionScale(
-        stored["max_velocity"],
-        stored["max_yaw_rate"],
-        config.max_v_mps,
-        config.max_w_rps,
-        as_float32(config.track_m) / stored["track_width"],
-    )
-    return Identity(dialect, stored, layout, scale, differences, refusal)
-
-
-def _collect(link: Link) -> ReplyCollector:
-    collector = ReplyCollector()
-
-    def feed(stamp_ns: int, frame: Frame) -> None:
-        collector.feed(stamp_ns, frame)
-        link.wake()
-
-    link.consumer = feed
-    return collector
-
-
-async def _ask(link: Link, request: Frame) -> Reply:
-    """One request and its reply, of whatever length."""
-    collector = _collect(link)
-    if not link.try_send(request):
-        await link.pause(REPLY_TIMEOUT_S)
-        return Reply(heard=False)
-    await link.wait(lambda: collector.started, REPLY_TIMEOUT_S)
-    await _until_quiet(link, collector)
-    return Reply(collector.started, collector.finish())
-
-
-async def _until_quiet(link: Link, collector: ReplyCollector) -> None:
-    deadline = time.monotonic() + REPLY_TIMEOUT_S
-    while collector.started and not collector.quiet(time.monotonic_ns()) and time.monotonic() < deadline:
-        await link.pause(0.005)
+def _firmware(values: Mapping[str, float], fault_log: FaultLog | None) -> str:
+    if "ccu_sp_sw_build_id" in values and "ccu_uip_sw_build_id" in values:
+        return f"SP {values['ccu_sp_sw_build_id']:.0f}, UIP {values['ccu_uip_sw_build_id']:.0f}"
+    if "packed_build_ids" in values:
+        return f"packed build ids 0x{int(values['packed_build_ids']):08X}"
+    return f"SP {fault_log.sp_build}, UIP {fault_log.uip_build}" if fault_log else ""

@@ -26,6 +26,7 @@ class Journal:
         self.damaged = 0
         self.dropped = 0
         self.reconnects = 0
+        self.watchdog_trips = 0
         self._arrivals: deque[int] = deque(maxlen=RATE_WINDOW)
         self._subscribers: set[asyncio.Queue[State | None]] = set()
         self._closed = False

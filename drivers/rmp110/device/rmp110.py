@@ -13,20 +13,21 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator, Callable
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from typing import Self
 
-from drivers.rmp110.codec.commands import ZERO_MOTION
-from drivers.rmp110.codec.feedback import Layout
 from drivers.rmp110.codec.motion import Normalised
 from drivers.rmp110.codec.parameters import ModeRequest, OperationalState
-from drivers.rmp110.device import identify
 from drivers.rmp110.device.config import Rmp110Config
+from drivers.rmp110.device.identify import identify
+from drivers.rmp110.device.identify_v3 import identify as identify_v3
 from drivers.rmp110.device.journal import Journal
-from drivers.rmp110.device.link import FrameHook, Link
-from drivers.rmp110.device.pilot import Pilot
+from drivers.rmp110.device.link import Clock, FrameHook, Link
+from drivers.rmp110.device.pilot import Pilot, WatchdogFactory
 from drivers.rmp110.device.state import Identity, LinkState, State, Stats
 from drivers.rmp110.device.stream import Stream
+from drivers.rmp110.device.watchdog import ThreadWatchdog
 from drivers.rmp110.errors import RmpError, RmpNotIdentified, RmpRefused, RmpTimeout
 from drivers.rmp110.transport.base import Transport
 
@@ -34,16 +35,32 @@ log = logging.getLogger(__name__)
 
 STANDBY, TRACTOR = ModeRequest.STANDBY, ModeRequest.TRACTOR
 
+Identify = Callable[[Link, Rmp110Config, Callable[[LinkState], None]], Awaitable[Identity]]
+IDENTIFY: Mapping[str, Identify] = {"can": identify, "v3": identify_v3}
+"""By configured protocol: never one by trial, V3 packets may ruin an older base (fact sheet section 2)."""
+
 
 class Rmp110:
-    """One base. `transport` makes a fresh transport for every attempt to connect; `hook` sees every frame."""
+    """One base. `transport` makes a fresh transport for every attempt to connect; `hook` sees every frame.
+
+    `clock` and the event loop have to live in the same time; where that is not the machine's own, `watchdog`
+    is `Watchdog`, which has no thread.
+    """
 
     def __init__(
-        self, transport: Callable[[], Transport], config: Rmp110Config | None = None, hook: FrameHook | None = None
+        self,
+        transport: Callable[[], Transport],
+        config: Rmp110Config | None = None,
+        hook: FrameHook | None = None,
+        *,
+        clock: Clock = time.monotonic_ns,
+        watchdog: WatchdogFactory = ThreadWatchdog,
     ) -> None:
         self.config = config or Rmp110Config()
         self._transport = transport
         self._hook = hook
+        self._clock = clock
+        self._watchdog = watchdog
         self._journal = Journal()
         self._link: Link | None = None
         self._identity: Identity | None = None
@@ -101,6 +118,7 @@ class Rmp110:
             dropped=journal.dropped + (link.dropped if link else 0),
             rate_hz=journal.rate_hz,
             last_ns=journal.last_ns,
+            watchdog_trips=journal.watchdog_trips + (self._pilot.watchdog_trips if self._pilot else 0),
         )
 
     async def ready(self, timeout_s: float) -> Identity:
@@ -129,8 +147,9 @@ class Rmp110:
     def send_motion(self, v: float, w: float) -> Normalised:
         """Drive with `v` m/s and `w` rad/s (counter-clockwise), clamped to configured and stored limits.
 
-        Goes out at once or not at all. Returns what was applied. Raises RmpRefused (and its kinds),
-        RmpBadCommand (not a finite number), RmpSendDropped (bus full), RmpLinkError.
+        Goes out at once or not at all. Returns what was applied. Raises RmpRefused (and its kinds; RmpHeld
+        after the watchdog stopped the base, until zero was commanded), RmpBadCommand (not a finite number),
+        RmpTooFast (less than 10 ms after the last one, and not zero), RmpSendDropped (bus full), RmpLinkError.
         """
         return self._identified().send_motion(v, w)
 
@@ -154,7 +173,7 @@ class Rmp110:
         pause_s, longest_s = self.config.backoff_s
         try:
             while True:
-                self._link = link = Link(self._transport(), self._hook)
+                self._link = link = Link(self._transport(), self._hook, self._clock)
                 received = self._journal.received
                 try:
                     await self._converse(link)
@@ -178,18 +197,12 @@ class Rmp110:
         self._enter(LinkState.CONNECTING)
         await link.open()
         self._enter(LinkState.PROBING)
-        await identify.listen(link)
-        await identify.probe(link)
-        self._enter(LinkState.IDENTIFYING)
-        dialect, stored = await identify.read_stored(link)
-        mode = await identify.read_mode(link, Layout.of(stored.bitmaps))
-        self._enter(LinkState.CONFIGURING)
-        # Parameters change how a base brakes: they are not written while it may be rolling.
-        write = self.config.write_parameters and mode is not OperationalState.TRACTOR
-        stored = await identify.write_differing(link, stored, self.config, parameters=write)
-        self._identity = identity = identify.conclude(dialect, stored, self.config)
-        self._pilot = Pilot(link, identity)
-        self._stream = Stream(link, identity, self.config, self._pilot, self._journal)
+        self._identity = identity = await IDENTIFY[self.config.protocol](link, self.config, self._enter)
+        for warning in identity.warnings:
+            log.warning("%s", warning)
+        self._pilot = pilot = Pilot(link, identity, self._watchdog)
+        self._stream = Stream(link, identity, self.config, pilot, self._journal)
+        pilot.start()
         await self._stream.run(self._streaming)
 
     def _streaming(self) -> None:
@@ -198,13 +211,19 @@ class Rmp110:
 
     async def _hang_up(self, link: Link) -> None:
         """Whoever drove stops; what was counted is kept; nothing is known of the base any more."""
-        if self._pilot and self._pilot.armed:
-            link.farewell(ZERO_MOTION)
+        journal, pilot, stream, identity = self._journal, self._pilot, self._stream, self._identity
         self._enter(LinkState.BACKOFF)
-        stream = self._stream
-        self._journal.lost += link.lost
-        self._journal.dropped += link.dropped
-        self._journal.damaged += link.damaged + (stream.damaged if stream else 0)
+        if pilot:
+            pilot.stop()
+            journal.watchdog_trips += pilot.watchdog_trips
+        if identity:
+            if pilot and pilot.armed:
+                link.farewell(identity.language.zero)
+            if identity.language.goodbye:
+                link.farewell(identity.language.goodbye)
+        journal.lost += link.lost
+        journal.dropped += link.dropped
+        journal.damaged += link.damaged + (stream.damaged if stream else 0)
         self._link = self._identity = self._pilot = self._stream = None
         await link.close()
 

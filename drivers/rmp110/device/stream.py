@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 
-from drivers.rmp110.codec.assembler import Assembler, Packet
-from drivers.rmp110.codec.commands import POLL
 from drivers.rmp110.codec.frames import Frame
 from drivers.rmp110.device.config import Rmp110Config
-from drivers.rmp110.device.identify import SILENT
 from drivers.rmp110.device.journal import Journal
+from drivers.rmp110.device.language import Report
 from drivers.rmp110.device.link import Link
-from drivers.rmp110.device.pilot import COMMAND_FRESH_S, SILENCE_S, Pilot
+from drivers.rmp110.device.odometry import ulp32
+from drivers.rmp110.device.pilot import SILENCE_S, Pilot
+from drivers.rmp110.device.slip import SlipWatch
 from drivers.rmp110.device.state import Identity, all_finite, read_state
 from drivers.rmp110.errors import RmpSilent
+
+STREAM_PERIOD_S = 0.01
+"""A base that sends by itself does so in every control tick."""
+NUDGE_S = 0.1
+"""A stream that pauses for ten packets is asked for again."""
+LONGEST_GAP = 100
+"""Missing packets counted at most for one gap: what the base's own time says may be nonsense."""
 
 
 class Stream:
@@ -23,16 +29,19 @@ class Stream:
     def __init__(self, link: Link, identity: Identity, config: Rmp110Config, pilot: Pilot, journal: Journal) -> None:
         self._link = link
         self._identity = identity
+        self._language = identity.language
         self._config = config
         self._pilot = pilot
         self._journal = journal
-        self._assembler = Assembler(identity.layout.frame_count)
+        self._listener = identity.language.listener()
+        self._slip = SlipWatch.of(identity.stored)
         self._heard_ns = 0
+        self._time_s: float | None = None
         self._started: Callable[[], None] | None = None
 
     @property
     def damaged(self) -> int:
-        return self._assembler.damaged
+        return self._listener.damaged
 
     async def run(self, started: Callable[[], None]) -> None:
         """Until the link ends; calls `started` after the first packet. Raises RmpSilent, RmpLinkError."""
@@ -40,47 +49,72 @@ class Stream:
         self._started = started
         link.consumer = self._feed
         link.forget_requests()
+        link.expects_replies = not self._language.unsolicited
         # The first packet has the whole silence limit to arrive in.
-        self._heard_ns = time.monotonic_ns()
-        period_ns = int(1e9 / self._config.poll_hz)
+        self._heard_ns = link.clock()
         while True:
-            now_ns = time.monotonic_ns()
+            now_ns = link.clock()
             link.count_lost(now_ns)
             if now_ns - self._heard_ns > SILENCE_S * 1e9:
-                raise RmpSilent(f"no feedback for {SILENCE_S:g} s: {SILENT}")
+                raise RmpSilent(f"no feedback for {SILENCE_S:g} s: {self._language.silence}")
             self._pilot.keep_fresh(now_ns)
-            await link.pause(self._poll(now_ns, period_ns) / 1e9)
+            await link.pause(self._ask(now_ns) / 1e9)
 
-    def _poll(self, now_ns: int, period_ns: int) -> int:
+    def _ask(self, now_ns: int) -> int:
         """Ask for feedback where nothing else did; nanoseconds until the next look."""
-        # Motion frames come at about the same rate and bring feedback themselves: let them go first.
-        driving = now_ns - self._pilot.last_motion_ns < COMMAND_FRESH_S * 1e9
-        patience_ns = period_ns * 3 // 2 if driving else period_ns
-        idle_ns = now_ns - self._link.last_sent_ns
+        period_ns = int(1e9 / self._config.poll_hz)
+        patience_ns = period_ns
+        if self._language.unsolicited:
+            patience_ns = int(NUDGE_S * 1e9)
+        elif self._pilot.driving:
+            # Motion frames come at about the same rate and bring feedback themselves: let them go first.
+            patience_ns = period_ns * 3 // 2
+        last_ns = self._link.last_sent_ns
+        if self._language.unsolicited:
+            last_ns = max(last_ns, self._heard_ns)
+        idle_ns = now_ns - last_ns
         if idle_ns < patience_ns:
-            return max(patience_ns - idle_ns, 1_000_000)
-        self._link.try_send(POLL)
+            return min(max(patience_ns - idle_ns, 1_000_000), 2 * period_ns)
+        self._link.try_send(self._language.nudge)
         return period_ns
 
     def _feed(self, stamp_ns: int, frame: Frame) -> None:
-        packet = self._assembler.feed(stamp_ns, frame)
-        if packet:
-            self._take(packet)
+        report = self._listener.feed(stamp_ns, frame)
+        if report:
+            self._take(report)
 
-    def _take(self, packet: Packet) -> None:
-        journal, track_m = self._journal, self._config.track_m
-        values = self._identity.layout.decode(packet.words)
+    def _take(self, report: Report) -> None:
+        journal, track_m, values = self._journal, self._config.track_m, report.values
         if not all_finite(values):
             journal.damaged += 1
             return
+        time_s = values["operational_time"]
         journal.odometry = journal.odometry.advance(
-            values["right_front_pos_m"], values["left_front_pos_m"], values["operational_time"], track_m
+            values["right_front_pos_m"],
+            values["left_front_pos_m"],
+            time_s,
+            track_m,
+            stamp_ns=report.first_ns,
+            speeds_mps=(values["right_front_vel_mps"], values["left_front_vel_mps"]),
         )
-        state = read_state(packet.first_ns, values, journal.odometry, self._identity, track_m)
-        self._heard_ns = packet.last_ns
-        self._pilot.watch(state, packet.last_ns)
-        journal.publish(state, packet.last_ns)
+        self._slip = self._slip.step(values)
+        if self._language.unsolicited and self._time_s is not None:
+            journal.lost += missing(self._time_s, time_s)
+        self._time_s = time_s
+        state = read_state(report.first_ns, values, journal.odometry, self._identity, track_m, self._slip.warnings)
+        self._heard_ns = report.last_ns
+        self._pilot.watch(state, report.last_ns)
+        journal.publish(state, report.last_ns)
         self._link.answered()
         started, self._started = self._started, None
         if started:
             started()
+
+
+def missing(before_s: float, now_s: float) -> int:
+    """How many packets a stream lacks between these two times of the base; in doubt fewer.
+
+    Time is a float32: after some hours its steps are nearly as long as the period.
+    """
+    periods = (now_s - before_s - ulp32(now_s)) / STREAM_PERIOD_S
+    return min(max(round(periods) - 1, 0), LONGEST_GAP)

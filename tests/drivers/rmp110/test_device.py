@@ -80,6 +80,7 @@ async def test_identified_driven_and_left_in_standby(interface: str, rig: Any, c
         assert state_of(it.sim) is OperationalState.TRACTOR
         applied = base.send_motion(5.0, 0.0)
         assert applied.v == pytest.approx(0.5)
+        await asyncio.sleep(0.02)
         await drive(base, 0.3, 0.3, 0.6)
         state = base.latest
         assert state is not None
@@ -352,11 +353,12 @@ async def _command(transport: CanTransport) -> None:
         await asyncio.sleep(0.01)
 
 
-async def test_dialect_b3_is_named_and_refused(rig: Any, config: Rmp110Config) -> None:
+async def test_dialect_b3_is_identified_and_driven(rig: Any, config: Rmp110Config) -> None:
     async with rig(dialect=Dialect.B3) as it, Rmp110(it.transport, config) as base:
-        with pytest.raises(RmpTimeout, match="dialect B3"):
-            await base.ready(0.6)
-        assert isinstance(base.refusal(), RmpNotIdentified)
+        identity = await base.ready(READY_S)
+        assert identity.dialect is Dialect.B3
+        await base.request_mode(TRACTOR)
+        await drive(base, 0.2, 0.0, 0.2)
 
 
 async def test_a_bus_without_a_base_says_what_to_check(rig: Any, config: Rmp110Config) -> None:
@@ -414,6 +416,7 @@ async def test_stored_limits_scale_motion_and_configured_ones_clamp_it(rig: Any,
         assert set(identity.differences) == {"max_velocity", "max_yaw_rate"}
         await base.request_mode(TRACTOR)
         base.send_motion(0.5, 0.2)
+        await asyncio.sleep(0.02)
         base.send_motion(2.0, -3.0)
         first, second = tape.sent(MOTION_ID)[:2]
         assert first.data == bytes.fromhex("3E650FF2 BD888889"), "0.5 by 2.2352 as float32 has it"

@@ -1,0 +1,97 @@
+"""What a base's stored parameters mean for driving it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from drivers.rmp110.codec.dialect import Dialect
+from drivers.rmp110.codec.fault_log import FaultLog
+from drivers.rmp110.codec.faults import GROUPS, Group
+from drivers.rmp110.codec.feedback import Layout
+from drivers.rmp110.codec.frames import as_float32
+from drivers.rmp110.codec.motion import MotionScale
+from drivers.rmp110.codec.parameters import Parameter, Stored
+from drivers.rmp110.codec.whitelist import RANGED, track_allowed
+from drivers.rmp110.device.config import Rmp110Config
+from drivers.rmp110.device.language import Language
+from drivers.rmp110.device.state import NEEDED, Identity
+from drivers.rmp110.errors import RmpUnsupported
+
+MUST_MATCH = ("max_accel", "max_decel", "max_yaw_accel", "tire_diameter", "gear_ratio")
+"""Stored parameters that change how far and how fast the base really goes for the same command."""
+
+CHARGING = (
+    "the base is set to drive while its charger is plugged in (AC-present check disabled in its input bitmap): "
+    "it can tear the cable; unplug before driving"
+)
+
+
+def check_plausible(stored: Stored) -> None:
+    """Raise RmpUnsupported where these words cannot be an RMP's parameters."""
+    for parameter, word in zip(stored.parameters, stored.words, strict=True):
+        if not _plausible(parameter, word):
+            raise RmpUnsupported(
+                f"the base's reply does not look like stored parameters ({parameter.name} reads "
+                f"{parameter.value(word):g}); this is not the RMP that it was taken for"
+            )
+
+
+def _plausible(parameter: Parameter, word: int) -> bool:
+    if parameter.name == "track_width":
+        return track_allowed(word)
+    return parameter.name not in RANGED or parameter.accepts(word)
+
+
+def judge(
+    dialect: Dialect,
+    stored: Stored,
+    layout: Layout,
+    config: Rmp110Config,
+    speak: Callable[[MotionScale], Language],
+    *,
+    charging_bit: int,
+    firmware: str = "",
+    fault_log: FaultLog | None = None,
+    fault_groups: Sequence[Group] = GROUPS,
+) -> Identity:
+    """What the driver may do with a base that has these parameters. Raises RmpUnsupported."""
+    missing = layout.missing(NEEDED)
+    if missing:
+        raise RmpUnsupported(
+            f"the base's feedback set lacks {', '.join(missing[:3])}{' and more' if len(missing) > 3 else ''}: "
+            "allow the driver to write it (write_feedback_set)"
+        )
+    for name in ("max_velocity", "max_yaw_rate"):
+        if stored[name] <= 0:
+            raise RmpUnsupported(f"the base has stored {name} = 0 and cannot move: allow write_parameters")
+    scale = MotionScale(
+        stored["max_velocity"],
+        stored["max_yaw_rate"],
+        config.max_v_mps,
+        config.max_w_rps,
+        as_float32(config.track_m) / stored["track_width"],
+    )
+    return Identity(
+        dialect=dialect,
+        stored=stored,
+        layout=layout,
+        scale=scale,
+        language=speak(scale),
+        differences=stored.differing(config.expected),
+        refusal=_refusal(stored, config),
+        warnings=(CHARGING,) if int(stored["input_bitmap"]) & charging_bit else (),
+        firmware=firmware,
+        fault_log=fault_log,
+        fault_groups=tuple(fault_groups),
+    )
+
+
+def _refusal(stored: Stored, config: Rmp110Config) -> str | None:
+    differing = stored.differing({name: config.expected[name] for name in MUST_MATCH if name in config.expected})
+    for name, (have, want) in differing.items():
+        unit = next(p.unit for p in stored.parameters if p.name == name)
+        return (
+            f"the base has stored {name} = {have:g} {unit}, the configuration expects {want:g}: "
+            "allow the driver to write it (write_parameters) or correct the configuration"
+        )
+    return None
