@@ -66,9 +66,10 @@ def trouble(outcome: Outcome) -> Iterable[str]:
 def described(contact: Contact) -> str:
     what = "something standing" if contact.person is None else f"person {contact.person}"
     seen = "" if contact.person is None else f", seen {contact.seen_s:.2f} s, needs {contact.need_s:.2f} s"
+    sudden = "" if contact.foreseeable else ", suddenly"
     return (
         f"{contact.at_s:4.1f} s {contact.fault.value.upper()}: {what} at {contact.bearing_deg:.0f} deg, "
-        f"robot {contact.towards_mps:.2f} m/s towards it, it {contact.person_mps:.2f} m/s{seen}"
+        f"robot {contact.towards_mps:.2f} m/s towards it, it {contact.person_mps:.2f} m/s{seen}{sudden}"
     )
 
 
@@ -82,6 +83,7 @@ def summary(outcomes: list[Outcome], wall_s: float) -> dict[str, object]:
         "simulated_h": round(sum(outcome.drive.seconds for outcome in outcomes) / 3600, 2),
         "own_motion": len(own),
         "own_motion_standing_things": sum(contact.person is None for contact in own),
+        "own_motion_sudden": sum(not contact.foreseeable for contact in own),
         "out_of_hiding": len(hidden),
         "out_of_hiding_median_mps": round(statistics.median(hidden), 2) if hidden else None,
         "out_of_hiding_max_mps": round(hidden[-1], 2) if hidden else None,
@@ -100,7 +102,7 @@ GROUPS: list[tuple[str, Callable[[Outcome], bool]]] = [
     ("all", lambda _: True),
     ("people ignore the robot", lambda outcome: not outcome.drive.courteous),
     ("people give way", lambda outcome: outcome.drive.courteous),
-    *((style, lambda outcome, style=style: outcome.drive.style == style) for style in STYLES),  # type: ignore[misc]
+    *((style, lambda outcome, style=style: outcome.drive.style == style) for style in STYLES),
     ("office", lambda outcome: outcome.drive.world == "office"),
     ("home", lambda outcome: outcome.drive.world == "home"),
 ]

@@ -43,6 +43,8 @@ BUMPED_S = 4.0
 """Who walked into the robot keeps off it for so long."""
 APART_M, ROBOT_APART_M = 0.25, 0.40
 """Room that people like to keep between themselves, and to a robot they look at."""
+TOUCH_M = 0.03
+"""Who looks at the robot stops this close to it; who does not is stopped by it."""
 CONTACT_ROOM_M = 0.10
 """Who touched the robot steps back this far."""
 STEP_BACK_MPS = 0.5
@@ -115,7 +117,7 @@ class Crowd:
         if self._now_s >= self._decide_s:
             self._decide_s += DECIDE_S
             self._decide(robot)
-        self._move(dt_s)
+        self._move(dt_s, robot)
 
     def legs(self) -> Floats:
         """(2n, 3) circles at the height of the lidar: x, y, radius; left and right leg of each in turn."""
@@ -178,17 +180,17 @@ class Crowd:
                 aims[i] = aim
                 speeds[i] = min(self.pace[i], math.sqrt(2.0 * ACCEL * max(left_m, 0.0)) + 0.1)
         self._choose(aims, speeds, robot)
-        back = self._backing_off(robot)
-        self._wanted = np.where(back.any(axis=1)[:, None], back, self._wanted)
+        close, back = self._backing_off(robot)
+        self._wanted[close] = back[close]
         slow = np.hypot(*self.velocity.T) < 0.1
         self._stalled_s = np.where(slow & (speeds > 0.0), self._stalled_s + DECIDE_S, 0.0)
 
-    def _backing_off(self, robot: Moving) -> Floats:
-        """Velocities (n, 2) of those too close to the robot after a bump; zero for all others."""
+    def _backing_off(self, robot: Moving) -> tuple[NDArray[np.bool_], Floats]:
+        """Who is too close to the robot after a bump (n,), and the velocities (n, 2) away from it."""
         away = self.at - (robot.x, robot.y)
         away /= np.maximum(np.hypot(*away.T), 1e-6)[:, None]
         close = (self._now_s < self._bumped_until_s) & (self.gaps(robot) < CONTACT_ROOM_M)
-        return np.where(close[:, None], STEP_BACK_MPS * away, 0.0)
+        return close, STEP_BACK_MPS * away
 
     def _choose(self, aims: Floats, speeds: Floats, robot: Moving) -> None:
         """Of a fan of velocities the one that costs least when thought through with everybody going on."""
@@ -231,11 +233,12 @@ class Crowd:
         crowd = (5.0 * (1.0 - 0.5 * later_s / later_s[-1]) * np.maximum(-gap, 0.0)).max(axis=3)
         everyone = np.arange(len(self))
         crowd[everyone, :, everyone] = 0.0
-        avoids = self.courteous | (self._now_s < self._bumped_until_s)
-        crowd[~avoids, :, -1] = 0.0
-        return wall + crowd.max(axis=2)
+        if not self.courteous:
+            crowd[self._now_s >= self._bumped_until_s, :, -1] = 0.0
+        troubles: Floats = wall + crowd.max(axis=2)
+        return troubles
 
-    def _move(self, dt_s: float) -> None:
+    def _move(self, dt_s: float, robot: Moving) -> None:
         change = self._wanted - self.velocity
         size = np.hypot(*change.T)
         braking = np.einsum("ij,ij->i", change, self.velocity) < 0.0
@@ -245,6 +248,10 @@ class Crowd:
         # Off a wall, and off each other, one may always step.
         room, before = self.ground.room(*np.stack((there, self.at)).transpose(2, 0, 1))
         blocked = (room < self.radius) & (room <= before)
+        reach = self.radius + robot.radius
+        gap_before, gap = (np.hypot(*(place - (robot.x, robot.y)).T) - reach for place in (self.at, there))
+        stopped = gap < TOUCH_M if self.courteous else gap_before < 0.0
+        blocked |= stopped & (gap < gap_before)
         for i in range(1, len(self)):
             for j in range(i):
                 gap = math.dist(there[i], there[j]) - self.radius[i] - self.radius[j]

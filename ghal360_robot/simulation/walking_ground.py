@@ -39,19 +39,9 @@ class Ground:
 
     def __init__(self, world: World) -> None:
         self.world = world
-        columns, rows = round(world.plan.width / FINE_M), round(world.plan.depth / FINE_M)
-        x = (np.arange(columns) + 0.5) * FINE_M
-        # Row by row, because the whole floor against all furniture at once falls out of the processor's cache.
-        self._fine = np.stack([world.clearances(x, np.full(columns, (row + 0.5) * FINE_M)) for row in range(rows)])
-        self._rows = self._fine.tolist()
-        coarse = np.stack(
-            [
-                world.clearances(x, np.full(len(x), y))
-                for x, y in (
-                    ((np.arange(columns // 2) + 0.5) * CELL_M, (row + 0.5) * CELL_M) for row in range(rows // 2)
-                )
-            ]
-        )
+        self._fine = _clearances(world, FINE_M)
+        self._rows: list[list[float]] = self._fine.tolist()
+        coarse = _clearances(world, CELL_M)
         self._open = {radius: coarse > radius for radius in (PERSON_WAY_M, ROBOT_WAY_M)}
         self._roomy = flood(coarse > PLACE_ROOM_M, self._seed(coarse))
         self._ways: dict[tuple[float, tuple[int, int]], list[list[float]]] = {}
@@ -110,9 +100,7 @@ class Ground:
             return goal, math.dist(here, goal)
         aim = None
         for _ in range(LOOK_CELLS):
-            row, column = min(
-                ((row + dy, column + dx) for dy, dx in STEPS), key=lambda cell: length[cell[0]][cell[1]]
-            )
+            row, column = min(((row + dy, column + dx) for dy, dx in STEPS), key=lambda cell: length[cell[0]][cell[1]])
             point = ((column + 0.5) * CELL_M, (row + 0.5) * CELL_M)
             if aim is not None and not self._straight(way_m, here, point):
                 break
@@ -137,3 +125,11 @@ class Ground:
             > way_m - 2 * COARSENESS_M
             for i in range(1, parts + 1)
         )
+
+
+def _clearances(world: World, cell_m: float) -> NDArray[np.float64]:
+    """(rows, columns) the clearance in the middle of every cell; row 0 at y = 0."""
+    columns, rows = round(world.plan.width / cell_m), round(world.plan.depth / cell_m)
+    x: NDArray[np.float64] = (np.arange(columns, dtype=np.float64) + 0.5) * cell_m
+    # Row by row, because the whole floor against all furniture at once falls out of the processor's cache.
+    return np.stack([world.clearances(x, np.full(columns, (row + 0.5) * cell_m)) for row in range(rows)])

@@ -1,0 +1,221 @@
+"""Whose fault a contact is, and when a robot that was asked to move stood still without need. Strict on the robot.
+
+A contact is the robot's disc touching a wall, furniture, or a person's body disc. At its first instant it is
+- the robot's OWN MOTION, if it touches something that stands still for ever, or if it moves towards the person
+  at more than `TOWARDS_MPS` and the lidar had seen the person for longer than the robot needs to stop,
+  counted from the speed that it had when the person came into sight: had it braked then, it would stand;
+- OUT OF HIDING, if it moves towards the person, who was not in sight for so long (behind a corner, a desk, or in
+  the quarter behind the robot where the lidar is blind);
+- WALKED INTO, if it stands, turns on the spot, or moves away.
+Whether the person could be expected there plays no part in that, but is told: `foreseeable` contacts are those
+that would have come about as well had both gone on as they did at the last instant at which braking helped.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ghal360_robot.messages import Pose2, Twist
+from ghal360_robot.simulation.plant import advance
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+
+    from ghal360_robot.simulation.walkers import Crowd, Moving
+    from ghal360_robot.simulation.world import World
+
+TOWARDS_MPS = 0.02
+"""Slower than this towards somebody is standing."""
+SEEN_BEAMS = 2
+"""Beams of a scan that have to end on somebody's legs for them to be in sight; one alone may be dust."""
+SIGHT_LOST_S = 0.25
+"""Not seen for so long: out of sight. A leg behind the other, or three scans."""
+MEMORY_S = 3.0
+"""Longer than the robot needs to stop from any speed that it is allowed."""
+FORESEEN_M, FORESEEN_S = 0.15, 0.3
+"""Going on as they did, both would have come this close, at most so much later."""
+PARTED_M = 0.05
+"""Who came into contact and is this far away again may come into contact anew."""
+
+STUCK_S = 10.0
+STUCK_M, STUCK_RAD = 0.05, math.radians(10.0)
+ASKED_SHARE = 0.9
+"""The driver asked for motion in this share of the time; drivers lift their finger for a moment."""
+SAMPLE_S = 0.2
+FREE_S, FREE_STEPS = 1.0, 10
+"""A motion is free if for one second nothing comes into its way, people going on as they do."""
+FREE_TWISTS = (
+    *(Twist(v, w) for v in (0.3, 0.1, -0.1) for w in (0.0, 0.5, -0.5)),
+    Twist(0.0, 0.5),
+    Twist(0.0, -0.5),
+)
+WEDGED_SPARE_M = 0.10
+"""A robot that turns but drives nowhere is wedged where a drive was free with this much room to spare."""
+WEDGED_ASKED_SHARE = 0.5
+
+
+class Fault(Enum):
+    """What a contact was."""
+
+    OWN_MOTION = "own motion"
+    OUT_OF_HIDING = "out of hiding"
+    WALKED_INTO = "walked into"
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """The first instant of a contact."""
+
+    at_s: float
+    fault: Fault
+    person: int | None
+    """None for what stands still for ever."""
+    towards_mps: float
+    """Of the robot towards what it touches; negative away from it."""
+    person_mps: float
+    """Of the person towards the robot."""
+    seen_s: float
+    """How long the person had been in sight."""
+    need_s: float
+    """How long the robot needs to stop: reaction and braking."""
+    bearing_deg: float
+    """Where it touches, from straight ahead; of what stands only whether ahead (0) or behind (180)."""
+    foreseeable: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Standstill:
+    """Ten seconds without motion that were asked for; `free` are motions that were possible at their end."""
+
+    at_s: float
+    free: tuple[Twist, ...]
+
+
+class ContactJudge:
+    """Sees every sweep and every step of one drive."""
+
+    def __init__(self, people: int, reaction_s: float, decel: float) -> None:
+        self._reaction_s, self._decel = reaction_s, decel
+        self._first_s = np.full(people, -math.inf)
+        self._last_s = np.full(people, -math.inf)
+        self._speed_then = np.zeros(people)
+        self._touching = np.zeros(people, bool)
+        self._past: deque[tuple[float, Moving, NDArray[np.float64], NDArray[np.float64]]] = deque()
+        self._collisions = 0
+        self.contacts: list[Contact] = []
+
+    def saw(self, stamp_s: float, beams_on_legs: NDArray[np.intp], speed: float) -> None:
+        """A sweep whose last beam is of `stamp_s`; two legs a person, `speed` the robot's."""
+        in_sight = beams_on_legs.reshape(-1, 2).sum(axis=1) >= SEEN_BEAMS
+        anew = in_sight & (stamp_s - self._last_s > SIGHT_LOST_S)
+        self._first_s[anew], self._speed_then[anew] = stamp_s, abs(speed)
+        self._last_s[in_sight] = stamp_s
+
+    def touched_solid(self, now_s: float, collisions: int, v: float) -> None:
+        """The body's own count of collisions with what stands, and its speed; seen since ever."""
+        bearing = 0.0 if v >= 0.0 else 180.0
+        for _ in range(collisions - self._collisions):
+            self.contacts.append(Contact(now_s, Fault.OWN_MOTION, None, abs(v), 0.0, math.inf, 0.0, bearing))
+        self._collisions = collisions
+
+    def look(self, now_s: float, crowd: Crowd, robot: Moving, yaw: float) -> None:
+        """Contacts with people at this instant."""
+        self._past.append((now_s, robot, crowd.at, crowd.velocity))
+        if now_s - self._past[0][0] > MEMORY_S:
+            self._past.popleft()
+        gaps = crowd.gaps(robot)
+        for i in np.flatnonzero((gaps < 0.0) & ~self._touching):
+            self.contacts.append(self._contact(now_s, int(i), crowd, robot, yaw))
+        self._touching = (gaps < 0.0) | (self._touching & (gaps < PARTED_M))
+
+    def _contact(self, now_s: float, i: int, crowd: Crowd, robot: Moving, yaw: float) -> Contact:
+        away_x, away_y = float(crowd.at[i, 0]) - robot.x, float(crowd.at[i, 1]) - robot.y
+        far = max(math.hypot(away_x, away_y), 1e-9)
+        nx, ny = away_x / far, away_y / far
+        towards = robot.vx * nx + robot.vy * ny
+        person = -float(crowd.velocity[i, 0] * nx + crowd.velocity[i, 1] * ny)
+        in_sight = now_s - self._last_s[i] <= SIGHT_LOST_S
+        seen_s = now_s - float(self._first_s[i]) if in_sight else 0.0
+        need_s = self._reaction_s + float(self._speed_then[i] if in_sight else abs(towards)) / self._decel
+        fault = Fault.WALKED_INTO
+        if towards > TOWARDS_MPS:
+            fault = Fault.OWN_MOTION if seen_s > need_s else Fault.OUT_OF_HIDING
+        bearing = math.degrees(math.remainder(math.atan2(ny, nx) - yaw, math.tau))
+        foreseeable = self._foreseeable(now_s, i, float(crowd.radius[i]))
+        return Contact(now_s, fault, i, towards, person, seen_s, need_s, bearing, foreseeable)
+
+    def _foreseeable(self, now_s: float, i: int, radius: float) -> bool:
+        for then_s, robot, at, velocity in reversed(self._past):
+            left_s = now_s - then_s
+            if left_s < self._reaction_s + math.hypot(robot.vx, robot.vy) / self._decel:
+                continue  # too late to stop
+            later_s = np.linspace(0.0, left_s + FORESEEN_S, 30)
+            x = at[i, 0] - robot.x + later_s * (velocity[i, 0] - robot.vx)
+            y = at[i, 1] - robot.y + later_s * (velocity[i, 1] - robot.vy)
+            return bool(np.hypot(x, y).min() < radius + robot.radius + FORESEEN_M)
+        return False
+
+
+class StandstillJudge:
+    """Looks for ten seconds in which a robot that was asked to move did not, although it could have."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._samples: deque[tuple[Pose2, bool, bool]] = deque(maxlen=round(STUCK_S / SAMPLE_S) + 1)
+        self._since_wedged = 0
+        self.stuck: list[Standstill] = []
+        self.wedged: list[Standstill] = []
+
+    def sample(self, now_s: float, pose: Pose2, asked: Twist | None, crowd: Crowd, radius: float) -> None:
+        """Call every `SAMPLE_S`; `asked` is the motion asked for, None where none was."""
+        samples = self._samples
+        samples.append((pose, asked is not None, asked is not None and abs(asked.v) >= 0.03))
+        self._since_wedged += 1
+        if len(samples) < (samples.maxlen or 0):
+            return
+        first = samples[0][0]
+        if max(math.hypot(p.x - first.x, p.y - first.y) for p, _, _ in samples) > STUCK_M:
+            return
+        if _share(asked for _, asked, _ in samples) < ASKED_SHARE:
+            return
+        turned = max(abs(math.remainder(p.yaw - first.yaw, math.tau)) for p, _, _ in samples)
+        if turned <= STUCK_RAD:
+            free = tuple(twist for twist in FREE_TWISTS if self._is_free(pose, twist, crowd, radius))
+            if free:
+                self.stuck.append(Standstill(now_s, free))
+            samples.clear()
+        elif (
+            self._since_wedged > len(samples)
+            and _share(drive for _, _, drive in samples) >= WEDGED_ASKED_SHARE
+            and (free := self._free_drives(pose, crowd, radius + WEDGED_SPARE_M))
+        ):
+            self.wedged.append(Standstill(now_s, free))
+            self._since_wedged = 0
+
+    def _free_drives(self, pose: Pose2, crowd: Crowd, radius: float) -> tuple[Twist, ...]:
+        return tuple(twist for twist in FREE_TWISTS if twist.v and self._is_free(pose, twist, crowd, radius))
+
+    def _is_free(self, pose: Pose2, twist: Twist, crowd: Crowd, radius: float) -> bool:
+        for k in range(1, FREE_STEPS + 1):
+            later_s = FREE_S * k / FREE_STEPS
+            there = advance(pose, twist, later_s)
+            if twist.v and self._world.clearance(there.x, there.y) < radius:
+                return False
+            people = crowd.at + crowd.velocity * later_s
+            away = np.hypot(people[:, 0] - there.x, people[:, 1] - there.y) - crowd.radius - radius
+            if (away < 0.0).any():
+                return False
+        return True
+
+
+def _share(values: Iterable[bool]) -> float:
+    listed = list(values)
+    return sum(listed) / len(listed)
