@@ -114,16 +114,20 @@ def _this_task() -> asyncio.Task[Any]:
 
 
 def _stop_table(results: list[stopping.Result]) -> Table:
-    table = Table(box=None, padding=(0, 1), caption="milliseconds from the cause, at the base", caption_justify="left")
+    several = any(len(result.samples) > 1 for result in results)
+    columns = ("median", "worst", "limit") if several else ("measured", "limit")
+    table = Table(box=None, padding=(0, 1), collapse_padding=True, pad_edge=False)
+    table.caption, table.caption_justify = "milliseconds from the cause, at the base's end of the bus", "left"
     table.add_column("cause", no_wrap=True)
-    for name in ("to zero", "worst", "limit", "standstill", "worst", "limit"):
-        table.add_column(name, justify="right", no_wrap=True)
+    for what in ("to zero", "to still"):
+        for name in columns:
+            table.add_column(f"{what}\n{name}", justify="right", no_wrap=True)
     table.add_column("", no_wrap=True)
     for result in results:
         values: list[str] = []
-        columns = (result.to_zero_ms, result.to_standstill_ms)
-        for measured, limit in zip(columns, result.limits_ms, strict=True):
-            values += (_ms(stopping.median(measured)), _ms(stopping.worst(measured)), _ms(limit))
+        for measured, limit in zip((result.to_zero_ms, result.to_standstill_ms), result.limits_ms, strict=True):
+            figures = {"median": stopping.median(measured), "worst": stopping.worst(measured), "limit": limit}
+            values += [_ms(figures.get(name, figures["worst"])) for name in columns]
         table.add_row(result.cause.words, *values, "ok" if result.passed else "[bold red]too late[/]")
     return table
 
