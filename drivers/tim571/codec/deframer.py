@@ -57,6 +57,7 @@ class Deframer:
         self._chunks: deque[tuple[int, int]] = deque()  # (stream offset of a chunk's end, its arrival)
         self._reason: Reason | None = None
         self._bad = 0
+        self._spoilt: tuple[int, bytes] | None = None  # CoLa-B: where a frame with a bad checksum ends, its header
         self._claimed = 0  # stream offset up to which bytes were delivered: they are no damage
         self._open = False  # CoLa-A: the buffer begins with the STX of a frame not ended yet
 
@@ -137,6 +138,8 @@ class Deframer:
                 break
             elif checksum(buffer[start + _HEADER_LENGTH : end - 1]) != buffer[end - 1]:
                 self._blame("checksum")
+                if self._spoilt is None:
+                    self._spoilt = self._base + end, buffer[start : start + _HEADER_LENGTH]
                 yield from self._discard(start, start + 1)
                 position = start + 1
             else:
@@ -166,6 +169,14 @@ class Deframer:
     def _discard(self, start: int, end: int) -> Iterator[Damage]:
         """Count bytes as damage; report at once what is longer than any frame, so that noise is noticed."""
         start = max(start, min(end, self._claimed - self._base))
+        if self._spoilt is not None and self._spoilt[0] - self._base < end:
+            limit, header = self._spoilt[0] - self._base, self._spoilt[1]
+            self._spoilt = None
+            if start <= limit and _resembles(self._buffer[limit : limit + _HEADER_LENGTH], header):
+                # Behind the spoilt frame comes another whose header is spoilt: two telegrams, two events.
+                yield from self._discard(start, limit)
+                yield from self._settle()
+                start = limit
         if self._reason is None:
             self._bad += len(self._buffer[start:end].translate(None, _PADDING))
         else:
@@ -176,9 +187,15 @@ class Deframer:
 
     def _settle(self) -> Iterator[Damage]:
         """Report the damage collected so far: a new frame begins."""
+        self._spoilt = None
         if self._bad:
             yield Damage(self._reason or "noise", self._bad)
         self._reason, self._bad = None, 0
+
+
+def _resembles(header: bytes, other: bytes) -> bool:
+    """Whether all bytes but one are the same."""
+    return sum(one == two for one, two in zip(header, other, strict=False)) >= _HEADER_LENGTH - 1
 
 
 def _find(buffer: bytes, mark: bytes, start: int) -> int:

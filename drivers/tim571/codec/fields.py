@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import re
 import struct
+from functools import lru_cache
+from operator import ge
 from typing import Any, Protocol
 
 import numpy as np
@@ -22,7 +24,10 @@ from drivers.tim571.errors import TimMalformedError
 Samples = NDArray[np.unsignedinteger]
 
 _BLANK = b" "
+_CONTROL = re.compile(rb"[\x00-\x1f]")  # never inside CoLa-A
 _HEX = b"0123456789ABCDEFabcdef"
+_HEX_AND_BLANK = _HEX + _BLANK
+_WORTHWHILE = 8  # numbers: fewer are read faster one by one
 _LONGEST_NUMBER = 11  # "+4294967295"
 _BITS = {"B": 8, "H": 16, "I": 32, "h": 16, "i": 32}
 _SAMPLE: dict[str, type[np.uint8 | np.uint16]] = {"B": np.uint8, "H": np.uint16}
@@ -102,11 +107,28 @@ class TextReader:
         self.canonical = True
 
     def take(self, layout: str) -> tuple[Any, ...]:
-        return tuple(_number(self._token(), letter) for letter in layout)
+        if len(layout) == 1:
+            return (_number(self._token(), layout),)
+        if len(layout) >= _WORTHWHILE and (values := self._take_plain(_limits(layout))):
+            return values
+        return _numbers(tuple([self._token() for _ in layout]), layout)
+
+    def _take_plain(self, limits: tuple[int, ...]) -> tuple[int, ...]:
+        """Many unsigned hex numbers at once; none at all if anything about them is unusual."""
+        count = len(limits)
+        tokens = self._body[self._at : self._at + count * (_LONGEST_NUMBER + 1)].split(_BLANK, count)[:count]
+        text = _BLANK.join(tokens)
+        if len(tokens) < count or not all(tokens) or text.translate(None, _HEX_AND_BLANK):
+            return ()
+        values = tuple([int(token, 16) for token in tokens])
+        if any(map(ge, values, limits)):
+            return ()
+        self._at += len(text) + 1
+        return values
 
     def tag(self, length: int) -> str:
         token = self._token()
-        if len(token) != length:
+        if len(token) != length or _CONTROL.search(token):
             raise TimMalformedError(f"a name of {length} characters expected, got {len(token)}")
         return token.decode("latin-1")
 
@@ -118,6 +140,8 @@ class TextReader:
             raise TimMalformedError(f"a string of {length}, {len(text)} left", Fault.BUFFER_UNDERFLOW)
         if not length:
             return ""
+        if _CONTROL.search(text):
+            raise TimMalformedError("a string with a control character", Fault.INVALID_CHARACTER)
         if end < len(self._body) and self._body[end : end + 1] != _BLANK:
             raise TimMalformedError("a string longer than its length says", Fault.INVALID_CHARACTER)
         self._at = end + 1
@@ -140,6 +164,18 @@ class TextReader:
         token = self._body[self._at : end]
         self._at = end + 1
         return token
+
+
+@lru_cache(maxsize=64)
+def _limits(layout: str) -> tuple[int, ...]:
+    """What each number must stay below; zero for what is not plainly unsigned."""
+    return tuple(1 << _BITS[letter] if letter.isupper() else 0 for letter in layout)
+
+
+@lru_cache(maxsize=256)
+def _numbers(tokens: tuple[bytes, ...], layout: str) -> tuple[Any, ...]:
+    """Remembered, for the head of a channel is the same in every telegram."""
+    return tuple([_number(token, letter) for token, letter in zip(tokens, layout, strict=True)])
 
 
 def _number(token: bytes, letter: str) -> Any:
@@ -248,9 +284,6 @@ class TextWriter:
 
     def body(self) -> bytes:
         return _BLANK.join(self._tokens)
-
-
-_CONTROL = re.compile(rb"[\x00-\x1f]")
 
 
 def _text(text: str) -> bytes:
