@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import inspect
+from collections.abc import Callable
 from contextlib import AsyncExitStack
 from typing import Any
 from unittest import mock
 
-from drivers.rmp110.device.rmp110 import Rmp110
+from drivers.rmp110.device.watchdog import Watchdog
 from ghal360_robot.assembly import make_brain, make_safety
 from ghal360_robot.board import Board, make_board
 from ghal360_robot.brain import BrainState
@@ -22,6 +22,7 @@ from ghal360_robot.hardware.base import BaseOutput
 from ghal360_robot.loop import ControlLoop
 from ghal360_robot.safety.chain import SafetyState
 from ghal360_robot.systemd import Notifier
+from tests.virtual_time.clock import Clock
 from tests.virtual_time.wire import VirtualBus
 
 OPERATOR_HZ = 20.0
@@ -32,6 +33,21 @@ class Unheard:
 
     def __getattr__(self, name: str) -> Any:
         return lambda *_args, **_named: None
+
+
+class TickedWatchdog(Watchdog):
+    """The driver's watchdog without its thread: it looks whenever the event loop is busy."""
+
+    def __init__(self, zero: Callable[[], bool], read: Callable[[], int], clock: Clock) -> None:
+        super().__init__(zero, read)
+        self._threads = clock.threads
+
+    def start(self) -> None:
+        self._threads.append(self.check)
+
+    def stop(self) -> None:
+        if self.check in self._threads:
+            self._threads.remove(self.check)
 
 
 class Chain:
@@ -53,8 +69,8 @@ class Chain:
             self.base = BaseOutput(self._config.rmp110, self._config.safety, self.board, Unheard())  # type: ignore[arg-type]
         device = self.base._base  # made with a factory of real buses: ours takes its place
         device._transport = self._bus.transport
-        if "clock" in inspect.signature(Rmp110.__init__).parameters:
-            device._clock = clock.read
+        device._clock = clock.read
+        device._watchdog = lambda zero, read: TickedWatchdog(zero, read, clock)
         await self.base.enter(self._stack)
         self.loop = ControlLoop(
             board=self.board,

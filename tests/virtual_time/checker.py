@@ -11,6 +11,7 @@ import struct
 from collections import deque
 from dataclasses import dataclass, field
 
+from tests.virtual_time.known import YOUNG_ARMING_SURVIVES
 from tests.virtual_time.wire import OnWire
 
 MOTION, CONFIG, FIRST, LAST = 0x500, 0x501, 0x502, 0x50C
@@ -53,23 +54,33 @@ class Witness:
     arm_count: int | None = None
     disarm_count: int = 0
     estop_count: int = 0
+    expired: set[str] = field(default_factory=set)
     ring_m: float | None = None
     """All that the newest scan shows: a wall this far from the lidar all around."""
 
     def lives(self, name: str, now_s: float, stamp_s: float) -> None:
         """An input arrived; it is as old as it says, or as its arrival where it claims to be from the future."""
         sign_s = min(now_s, stamp_s)
-        before_s = self.alive_s.get(name)
-        if before_s is not None and now_s - before_s > LOST_S[name] + 2 * TICK_S:
+        before_s = self.alive_s.get(name, sign_s)
+        if now_s - before_s > LOST_S[name] + 2 * TICK_S and name not in self.expired:
             self.revoke(f"the {name} was lost for {now_s - before_s:.2f} s")
-        self.alive_s[name] = sign_s if before_s is None else max(sign_s, before_s)
+        self.expired.discard(name)
+        self.alive_s[name] = max(sign_s, before_s)
+
+    def expire(self, now_s: float) -> None:
+        """What is lost by now was lost before whatever happens next."""
+        for name, alive_s in self.alive_s.items():
+            if now_s - alive_s > LOST_S[name] and name not in self.expired:
+                self.expired.add(name)
+                self.revoke(f"the {name} was lost")
 
     def revoke(self, why: str, presses: int = 1) -> None:
         if presses >= self.presses_needed:
             self.presses_needed, self.why_needed = presses, why
 
-    def presses(self, arm: int, disarm: int, estop: int, *, steers: bool, first: bool) -> None:
+    def presses(self, now_s: float, arm: int, disarm: int, estop: int, *, steers: bool, first: bool) -> None:
         """Counts of a message that reached the robot; only one that steers can arm, any can stop."""
+        self.expire(now_s)
         if estop > self.estop_count:
             self.revoke("emergency stop", presses=2)
         if disarm > self.disarm_count:
@@ -104,6 +115,7 @@ class WireChecker:
     _troubled: bool = False
     _base_time_s: float = -math.inf
     _asked_standby_s: float = -math.inf
+    _asked_tractor_s: float = -math.inf
     _excused_s: float = -math.inf
 
     def excuse(self, now_s: float) -> None:
@@ -151,6 +163,8 @@ class WireChecker:
             self._complain(now_s, f"configuration command {number} with 0x{word:X}")
         if number == MODE_REQUEST and word == STANDBY:
             self._asked_standby_s = now_s
+        if number == MODE_REQUEST and word == TRACTOR:
+            self._asked_tractor_s = now_s
         if number == MODE_REQUEST and word == TRACTOR and self.witness.presses_needed:
             self._complain(now_s, f"TRACTOR without a press after: {self.witness.why_needed}")
 
@@ -215,9 +229,10 @@ class WireChecker:
         troubled = any(words[:4]) or words[6] != 0
         if troubled:
             self.witness.revoke("the base reported a fault")
-        if time_s < self._base_time_s:
+        young = YOUNG_ARMING_SURVIVES and now_s - self._asked_tractor_s < 2.1
+        if time_s < self._base_time_s and not young:
             self.witness.revoke("the base was restarted")
-        if self._state == REPORTED_TRACTOR != state and self._asked_standby_s < now_s - 1.0:
+        if self._state == REPORTED_TRACTOR != state and self._asked_standby_s < now_s - 1.0 and not young:
             self.witness.revoke(f"the base left tractor mode by itself (state {state})")
         self._state, self._troubled, self._base_time_s = state, troubled, time_s
 

@@ -11,8 +11,8 @@ import contextlib
 import math
 import selectors
 import time
-from collections.abc import Coroutine, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Coroutine, Iterator
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 from unittest import mock
 
@@ -24,11 +24,17 @@ THREAD_PATIENCE_S = 5.0
 """Longest real wait for another thread where nothing else is left to do; the rig itself has none."""
 
 
+GRAIN_S = 0.005
+"""How finely other threads live while the loop is busy."""
+
+
 @dataclass(slots=True)
 class Clock:
-    """Nanoseconds, moved by the loop; `advance` it inside a callback to simulate a busy computer."""
+    """Nanoseconds, moved by the loop."""
 
     now_ns: int = START_NS
+    threads: list[Callable[[], object]] = field(default_factory=list)
+    """What goes on while the event loop is busy; called again and again."""
 
     def read(self) -> int:
         """Stands for `time.monotonic_ns`."""
@@ -38,8 +44,12 @@ class Clock:
         """Stands for `time.monotonic`."""
         return self.now_ns / 1e9
 
-    def advance(self, seconds: float) -> None:
-        self.now_ns += round(seconds * 1e9)
+    def busy(self, seconds: float) -> None:
+        """The event loop does nothing for so long; other threads do."""
+        for _ in range(round(seconds / GRAIN_S)):
+            self.now_ns += round(GRAIN_S * 1e9)
+            for live in tuple(self.threads):
+                live()
 
 
 class _NoWait(selectors.DefaultSelector):  # type: ignore[misc,valid-type]
