@@ -46,8 +46,10 @@ STEADY_NS = 300_000_000
 STEADY_MPS = 0.95 * SPEED_MPS
 PHASES_S = 0.1
 """Causes strike anywhere in the robot's periods: two of the operator's, five of the control loop's."""
-WATCH_S = 2.5
-"""Longer than any stop here takes, and half a second longer than the loop is blocked: does it drive on?"""
+WATCH_S = 2.0
+"""Longer than any stop here takes."""
+AFTER_BLOCK_S = 1.0
+"""A robot whose event loop runs again must not drive on by itself."""
 END_S = 10.0
 """After SIGTERM the base comes to a stop and the recording is closed."""
 MAX_REMARKS = 3
@@ -189,7 +191,10 @@ CAUSES: tuple[Cause, ...] = (
     Cause("feedback-lost", "base's feedback lost", _at_the_stand(lambda stand: stand.base.lose_feedback())),
     Cause("bus-down", "bus down", _at_the_stand(lambda stand: stand.base.lose_bus()), zero_comes=False),
     Cause(
-        "loop-blocked", f"event loop blocked for {BLOCK_S:g} s", _ordered(Order.BLOCK_LOOP), watch_s=BLOCK_S + WATCH_S
+        "loop-blocked",
+        f"event loop blocked for {BLOCK_S:g} s",
+        _ordered(Order.BLOCK_LOOP),
+        watch_s=BLOCK_S + AFTER_BLOCK_S,
     ),
     Cause("sigterm", "SIGTERM", _signalled(signal.SIGTERM), ends=True),
     Cause("sigkill", "SIGKILL", _signalled(signal.SIGKILL), zero_comes=False, ends=True),

@@ -22,16 +22,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from drivers.rmp110.codec.assembler import Assembler
 from drivers.rmp110.codec.commands import motion, request_mode
 from drivers.rmp110.codec.feedback import COMPACT_BITMAPS, Dialect
-from drivers.rmp110.codec.motion import MotionScale, normalise
 from drivers.rmp110.codec.parameters import RMP110_STORED, ModeRequest, Stored
 from drivers.rmp110.codec.whitelist import forbidden
 from drivers.rmp110.device.config import Rmp110Config
 from drivers.rmp110.device.identify import conclude
 from drivers.rmp110.device.odometry import Odometry
-from drivers.rmp110.device.state import read_state
+from drivers.rmp110.device.slip import SlipWatch
+from drivers.rmp110.device.state import all_finite, read_state
 from drivers.rmp110.simulator.model import RmpModel
 from drivers.tim571.geometry import BEAM_YAW
 from drivers.tim571.simulator.scanner import NOISE_SIGMA_M, sample
@@ -50,6 +49,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from drivers.rmp110.codec.frames import Frame
+    from drivers.rmp110.device.language import Language, Report
+    from drivers.rmp110.device.state import State
 
 LIMIT_MS = 0.5
 """p99 of encode, decode and chain together: a fortieth of the control period."""
@@ -123,26 +124,35 @@ class Decoder:
     def __init__(self, config: Rmp110Config, stored: Stored) -> None:
         self.identity = conclude(Dialect.B2, stored, config)
         self._track_m = config.track_m
-        self._assembler = Assembler(self.identity.layout.frame_count)
+        self._listener = self.identity.language.listener()
+        self._slip = SlipWatch.of(stored)
         self._odometry = Odometry()
 
     def decode(self, now_ns: int, frames: tuple[Frame, ...]) -> BaseState:
         """One whole packet. Raises GhalError where it is none."""
         for frame in frames:
-            packet = self._assembler.feed(now_ns, frame)
-            if packet is not None:
-                values = self.identity.layout.decode(packet.words)
-                self._odometry = self._odometry.advance(
-                    values["right_front_pos_m"], values["left_front_pos_m"], values["operational_time"], self._track_m
-                )
-                return base_state(read_state(packet.first_ns, values, self._odometry, self.identity, self._track_m))
+            report = self._listener.feed(now_ns, frame)
+            if report is not None and all_finite(report.values):
+                return base_state(self._state(report))
         raise GhalError("the simulated base answered with something that is no packet")
 
+    def _state(self, report: Report) -> State:
+        values = report.values
+        self._odometry = self._odometry.advance(
+            values["right_front_pos_m"],
+            values["left_front_pos_m"],
+            values["operational_time"],
+            self._track_m,
+            stamp_ns=report.first_ns,
+            speeds_mps=(values["right_front_vel_mps"], values["left_front_vel_mps"]),
+        )
+        self._slip = self._slip.step(values)
+        return read_state(report.first_ns, values, self._odometry, self.identity, self._track_m, self._slip.warnings)
 
-def encode(twist: Twist, scale: MotionScale) -> Frame:
+
+def encode(twist: Twist, language: Language) -> Frame:
     """A twist as the motion frame that may go onto the wire. Raises GhalError where it may not."""
-    command = normalise(twist.v, twist.w, scale)
-    frame = motion(command.velocity, command.yaw_rate)
+    frame, _ = language.motion(twist.v, twist.w)
     reason = forbidden(frame)
     if reason is not None:
         raise GhalError(f"the safety chain let something through that must not be sent: {reason}")
@@ -183,7 +193,7 @@ class Ticker:
         inputs = self._board.snapshot(self.now_ns, self._count, armed=armed)
         self._state, applied = self._safety.step(self._state, inputs, WANTED)
         judged = time.thread_time_ns()
-        self._next = encode(applied.twist, self._decoder.identity.scale)
+        self._next = encode(applied.twist, self._decoder.identity.language)
         encoded = time.thread_time_ns()
         self._count += 1
         moved = applied.arm is ArmState.ARMED and applied.twist != Twist()

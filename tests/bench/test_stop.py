@@ -25,27 +25,26 @@ BUSY_MS = 150.0
 """Tests share two cores with whatever else runs; the command itself allows nothing."""
 
 
-@pytest.mark.parametrize("name", ["operator-silent", "sigkill"])
+@pytest.mark.parametrize("name", ["loop-blocked", "sigkill"])
 async def test_the_robot_stops_in_time(name: str) -> None:
     cause = next(cause for cause in CAUSES if cause.name == name)
     sample = await measure(cause)
     assert sample.stop.speed_mps > 0.4
     assert sample.passed(BUSY_MS), sample.to_json()
-    if name == "operator-silent":
-        assert "operator stale" in sample.remarks
-    else:
-        assert sample.exit_status == -9
+    if name == "sigkill":
+        assert sample.exit_status == -signal.SIGKILL
         assert sample.stop.zero_ms is None  # nobody was left to send one
 
 
 def test_the_command_measures_one_cause_and_says_so_in_json() -> None:
-    ran = ghal360("bench", "stop", "--cause", "e-stop", "--json")
-    assert ran.status == 0, ran.err
+    ran = ghal360("bench", "stop", "--cause", "operator-silent", "--json")
     (told,) = ran.json["stops"]
-    assert told["cause"] == "e-stop"
-    assert 0 < told["to_zero_ms"] <= told["to_zero_limit_ms"] == 300
-    assert told["to_zero_ms"] < told["to_standstill_ms"] <= told["to_standstill_limit_ms"]
-    assert any("emergency stop" in said for said in told["samples"][0]["said"])
+    assert told["cause"] == "operator-silent"
+    assert told["to_zero_limit_ms"] == 300
+    assert 0 < told["to_zero_ms"] <= told["to_zero_limit_ms"] + BUSY_MS
+    assert told["to_zero_ms"] < told["to_standstill_ms"] <= told["to_standstill_limit_ms"] + BUSY_MS
+    assert "operator stale" in told["samples"][0]["said"]
+    assert ran.status == (0 if told["passed"] else 1), ran.err
 
 
 def test_an_unknown_cause_is_a_wrong_request() -> None:
