@@ -6,7 +6,9 @@ Section numbers are those of ITU-T H.264.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice, pairwise
 
 from drivers.theta_v.errors import ThetaMalformed
 
@@ -14,6 +16,7 @@ SLICE, IDR, SEI, SPS, PPS, AUD = 1, 5, 6, 7, 8, 9
 START_CODE = b"\x00\x00\x00\x01"
 
 MAX_NALS = 256  # per access unit; the camera sends one slice and at most a handful of others
+MAX_ZERO_PAIRS = 4096  # a picture has a few dozen; beyond that the search goes on without its short cut
 MAX_PARAMETER_SET_BYTES = 1024  # an SPS with every list it may carry stays below
 MAX_SIDE = 16384  # pixels; level 6.2 allows no more
 HEADER_BYTES = 64  # of a slice: enough for the fields up to frame_num
@@ -94,19 +97,33 @@ class Bits:
 
 def split(data: bytes) -> list[Nal]:
     """Find the NAL units of one access unit. Raises ThetaMalformed beyond MAX_NALS."""
+    codes = list(islice(_start_codes(data), MAX_NALS + 1))
+    if len(codes) > MAX_NALS:
+        raise ThetaMalformed(f"more than {MAX_NALS} NAL units in one picture")
     nals: list[Nal] = []
-    code = data.find(b"\x00\x00\x01")
-    while code >= 0:
-        start = code + 3
-        code = data.find(b"\x00\x00\x01", start)
-        end = len(data) if code < 0 else code
-        while end > start and data[end - 1] == 0:
-            end -= 1
+    for code, following in pairwise([*codes, len(data)]):
+        start, end = code + 3, following
+        if data[end - 1] == 0:
+            end = start + len(data[start:end].rstrip(b"\0"))
         if end > start:
             nals.append(Nal(data[start] & 0x1F, data[start] >> 5 & 0x03, start, end))
-            if len(nals) > MAX_NALS:
-                raise ThetaMalformed(f"more than {MAX_NALS} NAL units in one picture")
     return nals
+
+
+def _start_codes(data: bytes) -> Iterator[int]:
+    """Where 00 00 01 stands. Two zero bytes, rare in pictures, are found ten times as fast as all three bytes."""
+    at = data.find(b"\0\0")
+    for _ in range(MAX_ZERO_PAIRS):
+        if at < 0:
+            return
+        following = data[at + 2 : at + 3]
+        if following == b"\1":
+            yield at
+        at = data.find(b"\0\0", at + (1 if following == b"\0" else 3))
+    at = data.find(b"\0\0\1", at) if at >= 0 else at
+    while at >= 0:
+        yield at
+        at = data.find(b"\0\0\1", at + 3)
 
 
 def starts_with_code(data: bytes | bytearray | memoryview) -> bool:

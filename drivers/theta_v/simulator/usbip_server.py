@@ -30,8 +30,7 @@ MAX_PENDING = 4096  # requests in flight of one host; the kernel keeps a few doz
 MAX_UNSENT_BYTES = 8 << 20  # a host that does not read gets no more video until it does
 MAX_BEHIND_NS = 1_000_000_000  # after a longer pause of the process the missed microframes are not made up
 LULL_NS = 16_000_000  # empty requests are answered in groups: a wake-up costs more than a request
-IDLE_S = 0.05  # how late an unplugged cable is noticed while nothing else happens
-POLL_S = 0.005  # how often a transfer that waits for the camera is looked at
+IDLE_S = 0.05  # how late an unplugged cable or an event of the camera itself is noticed while nothing else happens
 RECEIVE_BYTES = 64 << 10
 OP_S = 10.0  # a connection that neither lists nor imports is closed
 
@@ -44,6 +43,18 @@ class _Schedule:
 
     waiting: deque[tuple[usbip.Submit, bytes]] = field(default_factory=deque)
     start_ns: int = 0
+    accepted: tuple[int, bytes] = (0, b"")
+    """Length and descriptors of the last good request: a host sends the same again and again."""
+
+    def accepts(self, length: int, descriptors: bytes) -> bool:
+        """Whether all packets lie within the transfer."""
+        if (length, descriptors) == self.accepted:
+            return True
+        table = usbip.iso_table(descriptors)
+        if int((table[:, 0].astype(np.int64) + table[:, 1]).max()) > length:
+            return False
+        self.accepted = (length, descriptors)
+        return True
 
     def slack_ns(self) -> int:
         """How much later empty requests may be answered without the host running dry."""
@@ -146,7 +157,7 @@ class UsbIpServer:
             selector.register(listener, selectors.EVENT_READ)
             selector.register(wake, selectors.EVENT_READ)
             while not self._closing:
-                for key, mask in selector.select(self._timeout()):
+                for key, mask in selector.select(self._rest()):
                     if key.fileobj is listener:
                         self._accept(listener, selector)
                     elif key.fileobj is wake:
@@ -160,13 +171,26 @@ class UsbIpServer:
                 self._drop(connection)
             self._connections.clear()
 
+    def _rest(self) -> float:
+        """Sleep while video is on schedule; else say how long to wait for messages.
+
+        A host asks for more video after each answer. To be woken by that as well would double the work, and
+        nothing it says is more urgent than a transfer's worth of microframes.
+        """
+        limit = self._timeout()
+        if limit > LULL_NS / 1e9 or not any(s.waiting for c in self._connections for s in c.schedules.values()):
+            return limit
+        time.sleep(limit)
+        return 0.0
+
     def _timeout(self) -> float:
-        """Until the next isochronous request is due, or the cable and waiting transfers want a look."""
+        """Until the next isochronous request is due, or the cable and waiting transfers want a look.
+
+        What a transfer waits for comes of a message, behind which they are looked at anyway, or has time.
+        """
         limit = IDLE_S
         now_ns = time.monotonic_ns()
         for connection in self._connections:
-            if any(connection.reads.values()):
-                limit = min(limit, POLL_S)
             if len(connection.outbox) < MAX_UNSENT_BYTES:
                 idle = connection.port is not None and connection.port.idle
                 for schedule in connection.schedules.values():
@@ -370,12 +394,10 @@ class UsbIpServer:
                 connection.outbox += usbip.Return(submit.sequence, status, len(data)).encode() + data
 
     def _schedule(self, connection: _Connection, submit: usbip.Submit, descriptors: bytes) -> None:
-        table = usbip.iso_table(descriptors) if submit.inward else np.zeros((0, 4), np.uint32)
-        ends = table[:, 0].astype(np.int64) + table[:, 1]
-        if not submit.inward or not submit.packets or int(ends.max()) > submit.length:
+        schedule = connection.schedules.setdefault(submit.endpoint, _Schedule())
+        if not submit.inward or not submit.packets or not schedule.accepts(submit.length, descriptors):
             connection.outbox += usbip.Return(submit.sequence, -usbip.EINVAL, 0, 0).encode()
             return
-        schedule = connection.schedules.setdefault(submit.endpoint, _Schedule())
         if not schedule.waiting:
             schedule.start_ns = max(schedule.start_ns, time.monotonic_ns())
         schedule.waiting.append((submit, descriptors))
@@ -413,18 +435,18 @@ def _answer(submit: usbip.Submit, descriptors: bytes, packets: list[tuple[int, i
     """RET_SUBMIT with the packets packed one behind the other, as the kernel's stub sends them."""
     table = np.frombuffer(descriptors, ">u4").reshape(-1, 4).copy()
     table[:, 2:] = 0
-    pieces = [b""]
-    total = errors = 0
-    for slot, status, data in packets:
-        # A packet longer than the host made room for is cut and said to overflow, as a host controller does.
-        room = int(table[slot, 1])
-        code, piece = (status, data) if len(data) <= room else (-usbip.EOVERFLOW, data[:room])
-        table[slot, 2] = len(piece)
-        table[slot, 3] = code & 0xFFFFFFFF
-        errors += code != 0
-        total += len(piece)
-        pieces.append(piece)
-    head = usbip.Return(submit.sequence, 0, total, submit.packets, errors, submit.start_frame)
-    pieces[0] = head.encode()
-    pieces.append(table.tobytes())
-    return b"".join(pieces)
+    pieces = [data for _, _, data in packets]
+    errors = 0
+    if packets:
+        slots = [slot for slot, _, _ in packets]
+        statuses = [status for _, status, _ in packets]
+        for i, room in enumerate(table[slots, 1].tolist()):
+            # A packet longer than the host made room for is cut and said to overflow, as a host controller does.
+            if len(pieces[i]) > room:
+                pieces[i], statuses[i] = pieces[i][:room], -usbip.EOVERFLOW
+        table[slots, 2] = [len(piece) for piece in pieces]
+        table[slots, 3] = [status & 0xFFFFFFFF for status in statuses]
+        errors = sum(status != 0 for status in statuses)
+    body = b"".join(pieces)
+    head = usbip.Return(submit.sequence, 0, len(body), submit.packets, errors, submit.start_frame)
+    return b"".join((head.encode(), body, table.tobytes()))

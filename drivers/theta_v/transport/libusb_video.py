@@ -8,6 +8,8 @@ import threading
 import time
 from dataclasses import dataclass
 
+import numpy as np
+
 from drivers.theta_v.codec.descriptors import ISOCHRONOUS, Endpoint
 from drivers.theta_v.codec.payload import Packet
 from drivers.theta_v.errors import ThetaGone, ThetaMalformed, ThetaRefused
@@ -67,6 +69,8 @@ class VideoTransfers:
         for transfer in self._transfers:
             fill = transfer.setIsochronous if self._isochronous else transfer.setBulk
             fill(endpoint.address, self._transfer_bytes, self._ended)
+        self._packet_bytes = endpoint.max_packet_bytes
+        self._tables = {id(t): usb1_api.iso_table(t) for t in self._transfers} if self._isochronous else {}
         self._lock = threading.Lock()
         self._stopping = False
         self._flying = 0
@@ -137,11 +141,24 @@ class VideoTransfers:
         self._errors = self._errors + 1 if status != usb1_api.COMPLETED else 0
         if self._errors > MAX_ERRORS:
             return "the camera's video endpoint is dead; unplug and replug the camera"
-        if self._isochronous:
-            packets: list[Packet] = [(failed, data) for failed, data in transfer.iterISO() if data or failed]
-        else:
-            packets = [(status, bytes(transfer.getBuffer()[: transfer.getActualLength()]))]
+        packets = self._packets(transfer, status)
         self._submit(transfer)
         if packets:
             self._sink(stamp_ns, packets)
         return ""
+
+    def _packets(self, transfer: Transfer, status: int) -> list[Packet]:
+        """Copies of what a transfer carried; empty microframes are left out."""
+        if not self._isochronous:
+            return [(status, bytes(transfer.getBuffer()[: transfer.getActualLength()]))]
+        table = self._tables[id(transfer)]
+        if table is None:
+            return [(failed, data) for failed, data in transfer.iterISO() if data or failed]
+        found = np.flatnonzero(table[:, 1] | table[:, 2])
+        if not len(found):
+            return []
+        buffer, step = transfer.getBuffer(), self._packet_bytes
+        return [
+            (failed, bytes(buffer[slot * step : slot * step + length]))
+            for slot, (length, failed) in zip(found.tolist(), table[found, 1:].tolist(), strict=True)
+        ]

@@ -11,7 +11,9 @@ from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
 import libusb_package
+import numpy as np
 import usb1  # type: ignore[import-untyped]
+from numpy.typing import NDArray
 
 from drivers.theta_v.errors import (
     ThetaError,
@@ -118,6 +120,22 @@ def open_context() -> Context:
             raise
         raise ThetaNotFound(f"libusb cannot look at this machine's USB: {error}") from error
     return context
+
+
+IsoTable = NDArray[np.int32]
+"""(packets, 3): room, actual length and status of each packet, as libusb keeps them."""
+
+
+def iso_table(transfer: Transfer) -> IsoTable | None:
+    """A view of libusb's own table of an isochronous transfer, or None where this `usb1` hides it.
+
+    `usb1` hands it out through an iterator alone, which costs a microsecond for each of 8000 microframes a
+    second, empty or not; through the view empty ones cost a tenth. Valid as long as the transfer lives.
+    """
+    pointer = getattr(transfer, "_USBTransfer__transfer", None)
+    if not isinstance(pointer, usb1.libusb1.libusb_transfer_p):
+        return None
+    return np.frombuffer(usb1.libusb1.get_iso_packet_list(pointer), np.int32).reshape(-1, 3)
 
 
 def translated(error: Exception, what: str) -> ThetaError:

@@ -1,0 +1,1 @@
+"""The camera's driver on a real Linux kernel, in a virtual machine: `make test-usb`."""

@@ -1,0 +1,70 @@
+"""On the host: boot Debian's kernel in QEMU (software emulation, no root) and judge what the guest reports."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from tests.usb_kernel import video
+from tests.usb_kernel.guest import RESULT
+from tests.usb_kernel.kernel import CACHE, Missing, initramfs, kernel_package, unpacked
+
+ROOT = Path(__file__).parents[2]
+CPU = "Nehalem"  # newer ones copy memory by "rep movsb", which software emulation does byte by byte
+LIMIT_S = {"t": 300, "smoke": 240, "full": 900}
+
+
+def boot(plan: str, out: Path) -> dict[str, Any]:
+    """Run the guest; returns its result. Raises Missing, subprocess.TimeoutExpired or ValueError."""
+    qemu = shutil.which("qemu-system-x86_64")
+    if qemu is None:
+        raise Missing("QEMU is missing: apt-get install qemu-system-x86")
+    kernel, busybox = unpacked(kernel_package()), unpacked("busybox-static")
+    for mode in video.MODES:
+        video.prepared(mode, CACHE / "video")
+    environment = f"HOME=/run PYTHONDONTWRITEBYTECODE=1 PYTHONPATH={shlex.quote(str(ROOT))}"
+    program = shlex.join([sys.executable, "-m", "tests.usb_kernel.guest", plan, str(CACHE / "video")])
+    command = f"/bin/sh -c {shlex.quote(f'cd {shlex.quote(str(ROOT))}; exec env {environment} {program}')}"
+    archive = out / "initramfs"
+    archive.write_bytes(initramfs(kernel, busybox, command))
+    (image,) = (kernel / "boot").glob("vmlinuz-*")
+    console = out / "console.log"
+    words = [
+        qemu, "-accel", "tcg", "-machine", "q35", "-cpu", CPU, "-smp", "1", "-m", "1024", "-nodefaults",
+        "-display", "none", "-no-reboot", "-kernel", image, "-initrd", archive,
+        "-append", "console=ttyS0 quiet panic=-1 mitigations=off",
+        "-serial", f"file:{console}", "-nic", "none",
+        "-virtfs", "local,path=/,mount_tag=host,security_model=none,readonly=on,multidevs=remap",
+    ]  # fmt: skip
+    subprocess.run(words, check=True, timeout=LIMIT_S[plan], stdin=subprocess.DEVNULL)
+    for line in console.read_text(errors="replace").splitlines():
+        if line.startswith(RESULT):
+            found: dict[str, Any] = json.loads(line.removeprefix(RESULT))
+            return found
+    raise ValueError("the guest ended without a result")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("plan", choices=LIMIT_S, nargs="?", default="full")
+    parser.add_argument("--out", type=Path, default=CACHE / "last", help="console and result are kept here")
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    started = time.monotonic()
+    try:
+        found = boot(arguments.plan, arguments.out)
+    except (Missing, subprocess.SubprocessError, ValueError) as error:
+        print(f"{error}\n(see {arguments.out / 'console.log'})", file=sys.stderr)
+        sys.exit(1)
+    print(json.dumps(found | {"wall_s": round(time.monotonic() - started, 1)}))
+
+
+if __name__ == "__main__":
+    main()
