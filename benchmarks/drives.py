@@ -60,7 +60,7 @@ def trouble(outcome: Outcome) -> Iterable[str]:
     for still in outcome.stuck:
         yield f"{where}: {still.at_s:4.1f} s STUCK, {len(still.free)} motions were free"
     for still in outcome.wedged:
-        yield f"{where}: {still.at_s:4.1f} s wedged: turned only, {len(still.free)} drives were free"
+        yield f"{where}: {still.at_s:4.1f} s wedged"
 
 
 def described(contact: Contact) -> str:

@@ -57,9 +57,10 @@ FREE_TWISTS = (
     Twist(0.0, 0.5),
     Twist(0.0, -0.5),
 )
-WEDGED_SPARE_M = 0.10
-"""A robot that turns but drives nowhere is wedged where a drive was free with this much room to spare."""
-WEDGED_ASKED_SHARE = 0.5
+WEDGED_SHARE = 0.5
+WEDGED_SPARE_M, WEDGED_ALONE_M, CRAWL = 0.10, 1.0, 0.1
+"""A robot is wedged if for half of ten seconds it refuses to drive forwards, although at a crawl (m/s) the way
+asked for is free with so much room to spare and nobody is near. It may turn."""
 
 
 class Fault(Enum):
@@ -93,7 +94,7 @@ class Contact:
 
 @dataclass(frozen=True, slots=True)
 class Standstill:
-    """Ten seconds without motion that were asked for; `free` are motions that were possible at their end."""
+    """Ten seconds without a motion that was asked for; `free` are those that were possible at their end."""
 
     at_s: float
     free: tuple[Twist, ...]
@@ -170,38 +171,35 @@ class StandstillJudge:
     def __init__(self, world: World) -> None:
         self._world = world
         self._samples: deque[tuple[Pose2, bool, bool]] = deque(maxlen=round(STUCK_S / SAMPLE_S) + 1)
-        self._since_wedged = 0
         self.stuck: list[Standstill] = []
         self.wedged: list[Standstill] = []
 
     def sample(self, now_s: float, pose: Pose2, asked: Twist | None, crowd: Crowd, radius: float) -> None:
         """Call every `SAMPLE_S`; `asked` is the motion asked for, None where none was."""
         samples = self._samples
-        samples.append((pose, asked is not None, asked is not None and abs(asked.v) >= 0.03))
-        self._since_wedged += 1
+        stands = bool(samples) and math.hypot(samples[-1][0].x - pose.x, samples[-1][0].y - pose.y) < STUCK_M / 10
+        refused = stands and asked is not None and self._may_crawl(pose, asked, crowd, radius)
+        samples.append((pose, asked is not None, refused))
         if len(samples) < (samples.maxlen or 0):
             return
         first = samples[0][0]
         if max(math.hypot(p.x - first.x, p.y - first.y) for p, _, _ in samples) > STUCK_M:
             return
-        if _share(asked for _, asked, _ in samples) < ASKED_SHARE:
-            return
         turned = max(abs(math.remainder(p.yaw - first.yaw, math.tau)) for p, _, _ in samples)
-        if turned <= STUCK_RAD:
+        if turned <= STUCK_RAD and _share(asked for _, asked, _ in samples) >= ASKED_SHARE:
             free = tuple(twist for twist in FREE_TWISTS if self._is_free(pose, twist, crowd, radius))
             if free:
                 self.stuck.append(Standstill(now_s, free))
             samples.clear()
-        elif (
-            self._since_wedged > len(samples)
-            and _share(drive for _, _, drive in samples) >= WEDGED_ASKED_SHARE
-            and (free := self._free_drives(pose, crowd, radius + WEDGED_SPARE_M))
-        ):
-            self.wedged.append(Standstill(now_s, free))
-            self._since_wedged = 0
+        elif _share(refused for _, _, refused in samples) >= WEDGED_SHARE:
+            self.wedged.append(Standstill(now_s, ()))
+            samples.clear()
 
-    def _free_drives(self, pose: Pose2, crowd: Crowd, radius: float) -> tuple[Twist, ...]:
-        return tuple(twist for twist in FREE_TWISTS if twist.v and self._is_free(pose, twist, crowd, radius))
+    def _may_crawl(self, pose: Pose2, asked: Twist, crowd: Crowd, radius: float) -> bool:
+        """Whether what is asked is a drive forwards, and free, slowly along the same curve, with nobody near."""
+        if asked.v < 0.03 or (np.hypot(*(crowd.at - (pose.x, pose.y)).T) < radius + WEDGED_ALONE_M).any():
+            return False
+        return self._is_free(pose, Twist(CRAWL, CRAWL * asked.w / asked.v), crowd, radius + WEDGED_SPARE_M)
 
     def _is_free(self, pose: Pose2, twist: Twist, crowd: Crowd, radius: float) -> bool:
         for k in range(1, FREE_STEPS + 1):

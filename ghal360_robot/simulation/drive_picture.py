@@ -48,12 +48,14 @@ def draw(outcome: Outcome, path: Path) -> None:
         _robot(canvas, moment, tick, _faded(ROBOT, fade))
     for contact in outcome.contacts:
         moment = outcome.moments[min(round(contact.at_s / TICK_S), count) - 1]
-        _mark(canvas, moment, FAULTS[contact.fault], f"{contact.fault.value} {contact.at_s:.1f} s")
+        _mark(canvas, moment, FAULTS[contact.fault], f"{contact.at_s:.1f} s")
     for word, stills in (("STUCK", outcome.stuck), ("wedged", outcome.wedged)):
         for still in stills:
             moment = outcome.moments[min(round(still.at_s / TICK_S), count) - 1]
             _mark(canvas, moment, (0, 0, 160), f"{word} {still.at_s:.1f} s")
     manners = "give way" if drive.courteous else "ignore the robot"
+    for line, (fault, colour) in enumerate(FAULTS.items()):
+        _text(canvas, (10, canvas.shape[0] - 36 - 20 * line), f"{fault.value}: {outcome.count(fault)}", colour, 0.5)
     title = f"{drive.number}: {drive.world} {drive.seed}, {drive.people} people {manners}, {drive.style}"
     _text(canvas, (10, canvas.shape[0] - 12), title, (0, 0, 0), 0.6)
     coded, data = cv2.imencode(".png", canvas)
@@ -101,7 +103,8 @@ def _mark(canvas: Canvas, moment: Moment, colour: Colour, words: str) -> None:
 
 
 def _text(canvas: Canvas, at: tuple[int, int], words: str, colour: Colour, size: float) -> None:
-    cv2.putText(canvas, words, at, cv2.FONT_HERSHEY_SIMPLEX, size, (255, 255, 255), 3, cv2.LINE_AA)
+    (width, height), below = cv2.getTextSize(words, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
+    cv2.rectangle(canvas, (at[0], at[1] - height), (at[0] + width, at[1] + below), (255, 255, 255), -1)
     cv2.putText(canvas, words, at, cv2.FONT_HERSHEY_SIMPLEX, size, colour, 1, cv2.LINE_AA)
 
 

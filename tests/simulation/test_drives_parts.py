@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 from drivers.tim571.geometry import BEAM_YAW
 from ghal360_robot.intent.controller import DriveSettings
 from ghal360_robot.messages import STILL, BaseMode, Pose2, Twist
-from ghal360_robot.simulation.lidar_sweep import NOISE_M, STEP_NS, Sweep, SweepingLidar, circle_ranges
+from ghal360_robot.simulation.lidar_sweep import NOISE_M, STEP_NS, Sweep, SweepingLidar, circle_ranges, within
 from ghal360_robot.simulation.plant import advance
 from ghal360_robot.simulation.random_driver import IMPATIENT_S, STYLES, RandomDriver, Style, Wish
+from ghal360_robot.simulation.raycast import Shapes
+from ghal360_robot.simulation.rooms import CEILING_M
 from ghal360_robot.simulation.view import LIDAR_AHEAD_M
 from ghal360_robot.simulation.walking_ground import Ground
 from ghal360_robot.simulation.wired_base import WiredBase
@@ -88,6 +90,19 @@ def test_a_leg_is_seen_where_it_stands_and_its_beams_are_counted() -> None:
     expected = 2 * math.degrees(math.asin(0.07 / (far - LIDAR_AHEAD_M))) * 3
     assert sweep.beams_on[0] == pytest.approx(expected, abs=2)
     assert sweep.beams_on[1] == 0, "the lidar is blind behind"
+
+
+def test_leaving_out_what_a_sector_cannot_meet_changes_no_range() -> None:
+    solid = (item for item in world().objects if item.solid)
+    shapes = Shapes.of(solid, world().plan.wall_boxes(), CEILING_M)
+    rng, kept = np.random.default_rng(2), 0
+    for _ in range(60):
+        x, y = ground().draw(rng)
+        yaw = rng.uniform(-math.pi, math.pi) + np.linspace(0.0, math.radians(54), 80)
+        fewer = within(shapes, x, y, yaw)
+        kept += len(fewer.boxes)
+        assert np.array_equal(fewer.ranges(x, y, yaw), world().ranges(x, y, yaw))
+    assert kept < 0.6 * 60 * len(shapes.boxes)
 
 
 def test_rays_meet_the_near_side_of_circles_and_miss_those_behind() -> None:
