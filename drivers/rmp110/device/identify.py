@@ -98,7 +98,7 @@ async def read_stored(link: Link, books: Sequence[Vocabulary]) -> tuple[Vocabula
     """
     off = books[0].act(Action.FORCE_CONFIG_FEEDBACK, 0)
     try:
-        words = await _read_words(link, books[0])
+        words = await _read_words(link, books)
     except BaseException:
         # Whatever happened: never leave the base answering with parameters instead of its state.
         link.farewell(off)
@@ -107,9 +107,10 @@ async def read_stored(link: Link, books: Sequence[Vocabulary]) -> tuple[Vocabula
     return _interpret(words, books)
 
 
-async def _read_words(link: Link, book: Vocabulary) -> tuple[int, ...]:
-    """The configuration reply, once two in a row are the same."""
-    before = await ask(link, book.act(Action.FORCE_CONFIG_FEEDBACK, 1))
+async def _read_words(link: Link, books: Sequence[Vocabulary]) -> tuple[int, ...]:
+    """The configuration reply, once two in a row are the same, or of a length that it cannot have."""
+    lengths = [2 * book.config_reply_frames for book in books]
+    before = await ask(link, books[0].act(Action.FORCE_CONFIG_FEEDBACK, 1))
     words: tuple[int, ...] | None = None
     for _ in range(READ_ATTEMPTS):
         reply = await ask(link, POLL)
@@ -117,7 +118,7 @@ async def _read_words(link: Link, book: Vocabulary) -> tuple[int, ...]:
             raise RmpSilent(SILENT)
         before = reply
         if reply.packet:
-            if reply.words == words:
+            if words and (reply.words == words or len(reply.words) == len(words) not in lengths):
                 return words
             words = reply.words
     raise RmpUnsupported("the base's configuration replies differ from each other: frames get lost on the bus")

@@ -102,7 +102,7 @@ class Pilot:
         state = self._state
         age_s = (self._clock() - self._seen_ns) / 1e9
         if state is None or age_s > SILENCE_S:
-            return RmpNotIdentified("no feedback from the base: nothing may move until it is identified again")
+            return RmpNotIdentified(f"no feedback from the base for {SILENCE_S:g} s: nothing may move without")
         if self._identity.refusal:
             return RmpLimitsDiffer(self._identity.refusal)
         if state.trouble:

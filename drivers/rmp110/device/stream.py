@@ -19,6 +19,8 @@ STREAM_PERIOD_S = 0.01
 """A base that sends by itself does so in every control tick."""
 NUDGE_S = 0.1
 """A stream that pauses for ten packets is asked for again."""
+STALL_S = 0.1
+"""The loop looks every 40 ms at most; later than this it was stuck itself, and silence says nothing of the base."""
 LONGEST_GAP = 100
 """Missing packets counted at most for one gap: what the base's own time says may be nonsense."""
 
@@ -51,10 +53,13 @@ class Stream:
         link.forget_requests()
         link.expects_replies = not self._language.unsolicited
         # The first packet has the whole silence limit to arrive in.
-        self._heard_ns = link.clock()
+        self._heard_ns = looked_ns = link.clock()
         while True:
             now_ns = link.clock()
             link.count_lost(now_ns)
+            if now_ns - looked_ns > STALL_S * 1e9:
+                self._heard_ns = now_ns
+            looked_ns = now_ns
             if now_ns - self._heard_ns > SILENCE_S * 1e9:
                 raise RmpSilent(f"no feedback for {SILENCE_S:g} s: {self._language.silence}")
             self._pilot.keep_fresh(now_ns)
