@@ -129,6 +129,10 @@ class Reader:
                 outcome.missed += 1
                 outcome.missed_singly += sum(a != b for a, b in zip(event.frame, meant, strict=False)) == 1
 
+    def finish(self) -> None:
+        """The stream has ended: count the damage that was not told yet."""
+        self.outcome.counted += len(self.receiver.close())
+
     def _doubts(self, telegram: Telegram) -> set[str]:
         if not scandata.is_scan(telegram):
             return {"no scan"}
@@ -145,6 +149,7 @@ def run(dialect: Dialect, pairs: Iterable[tuple[bytes, bytes]]) -> Outcome:
     reader = Reader(dialect, outcome)
     for meant, sent in pairs:
         reader.read(meant, sent)
+    reader.finish()
     return outcome
 
 

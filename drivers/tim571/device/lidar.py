@@ -194,7 +194,7 @@ class TiM571:
         """What the configuration asks for, if anything; False if the device has changed its dialect."""
         self._warning = ""
         writes = startup.changes(self.config, found)
-        switching = bool(writes) and writes[-1].name == "EIHstCola"
+        switching = bool(writes) and startup.switches_dialect(writes[-1])
         if switching and self._switched:
             self._warning = f"{session.device} was told to speak {self.config.switch_to} and still doesn't."
             writes, switching = writes[:-1], False

@@ -111,22 +111,26 @@ def changes(config: TimConfig, found: Identity) -> tuple[Telegram, ...]:
 async def configure(session: Session, config: TimConfig, writes: tuple[Telegram, ...]) -> None:
     """Log in, write, and let the device run again, whatever happened in between.
 
-    Raises TimRefusedError with a sentence that says what to do if the device does not let us.
+    After a change of dialect it listens in the other one only; a reconnect logs out. Raises TimRefusedError with a
+    sentence that says what to do if the device does not let us.
     """
     patience_s = config.answer_timeout_s
     await _login(session, config)
+    listening = True
     try:
         for write in writes:
             await session.ask(write, patience_s)
-        if not _switches_dialect(writes):
+            listening = not switches_dialect(write)
+        if listening:
             await session.ask(commands.invoke(session.dialect, "LMCstartmeas"), patience_s)
     finally:
-        if not _switches_dialect(writes):  # after that it listens in the other one only, and a reconnect logs out
+        if listening:
             await session.ask(commands.invoke(session.dialect, "Run"), patience_s)
 
 
-def _switches_dialect(writes: tuple[Telegram, ...]) -> bool:
-    return bool(writes) and writes[-1].name == "EIHstCola"
+def switches_dialect(write: Telegram) -> bool:
+    """Always the last of the `changes`."""
+    return write.name == "EIHstCola"
 
 
 async def _login(session: Session, config: TimConfig) -> None:
