@@ -12,8 +12,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
-from drivers.rmp110.simulator.model import BOOT_S, RmpModel
+from drivers.rmp110.codec.dialect import Dialect
+from drivers.rmp110.errors import RmpError
+from drivers.rmp110.simulator.faults import FORM, FaultPlan, parse_plan
+from drivers.rmp110.simulator.machine import BOOT_S
+from drivers.rmp110.simulator.model import RmpModel
+from drivers.rmp110.simulator.packet_wires import PtyWire, UdpWire
 from drivers.rmp110.simulator.serve import serve as serve_base
+from drivers.rmp110.simulator.serve import serve_v3
+from drivers.rmp110.simulator.v3_model import V3Model
 from drivers.theta_v.simulator.camera import SimulatedThetaV
 from drivers.theta_v.simulator.usbip_server import UsbIpServer
 from drivers.tim571.simulator.server import Tim571Simulator
@@ -66,26 +73,54 @@ def tim571(
 
 @app.command()
 def rmp110(
+    dialect: Annotated[str, typer.Option(help="b1, b2 or b3 on CAN, v3 on UDP or a serial device")] = "b2",
     interface: Annotated[str, typer.Option(help="python-can interface; socketcand: be the server")] = "socketcand",
     channel: Annotated[str, typer.Option(help="Channel of that interface")] = "can0",
     address: Annotated[str, typer.Option(help="HOST:PORT to listen on, with socketcand")] = "127.0.0.1:29536",
+    udp: Annotated[str | None, typer.Option(help="HOST:PORT to listen on, with v3; real bases use 8080")] = None,
+    pty: Annotated[Path | None, typer.Option(help="Serial device to make at this path, with v3")] = None,
     boot: Annotated[float, typer.Option(help="Seconds from power-on to standby", min=0, max=60)] = BOOT_S,
+    faults: Annotated[str, typer.Option(help=f"What goes wrong: {FORM}")] = "",
 ) -> None:
     """An RMP-110 with wheels off the ground.
 
-    Example: ghal360 simulate rmp110 --interface socketcan --channel vcan0
+    Examples:
+
+    ghal360 simulate rmp110 --interface socketcan --channel vcan0
+
+    ghal360 simulate rmp110 --dialect v3 --udp 127.0.0.1:8080 --faults drop=0.01,seed=3,unplug=20+5
     """
+    try:
+        plan, spoken = parse_plan(faults), Dialect(dialect.upper())
+    except ValueError as error:
+        known = dialect.upper() in {one.value for one in Dialect}
+        raise UsageError(str(error) if known else f"--dialect is b1, b2, b3 or v3, not '{dialect}'") from error
+    if spoken is Dialect.V3:
+        _serve(_v3_base(udp, pty, boot, plan))
+        return
+    if udp or pty:
+        raise UsageError(f"--udp and --pty are for --dialect v3; {dialect} is on CAN: --interface and --channel")
     host, port = split_address(address, any_port=True)
     options: dict[str, Any] = {"host": host, "port": port} if interface == "socketcand" else {}
 
     @contextlib.asynccontextmanager
     async def running() -> AsyncIterator[str]:
-        model = RmpModel(time.monotonic_ns(), boot_s=boot)
-        async with serve_base(interface, channel, model=model, **options) as base:
+        model = RmpModel(time.monotonic_ns(), boot_s=boot, dialect=spoken)
+        async with serve_base(interface, channel, model=model, plan=plan, **options) as base:
             where = f"{host}:{base.port}" if interface == "socketcand" else interface
-            yield f"RMP-110 at {where}, channel {channel}"
+            yield f"RMP-110, dialect {spoken.value}, at {where}, channel {channel}"
 
     _serve(running())
+
+
+@contextlib.asynccontextmanager
+async def _v3_base(udp: str | None, pty: Path | None, boot: float, plan: FaultPlan) -> AsyncIterator[str]:
+    if (udp is None) is (pty is None):
+        raise UsageError("--dialect v3 needs one of --udp HOST:PORT and --pty PATH")
+    wire: UdpWire | PtyWire = PtyWire(pty) if pty else UdpWire(*split_address(udp or "", any_port=True))
+    async with serve_v3(wire, model=V3Model(time.monotonic_ns(), boot_s=boot), plan=plan) as base:
+        where = wire.path if isinstance(wire, PtyWire) else f"{wire.host}:{base.port}/udp"
+        yield f"RMP-110, dialect V3, at {where}"
 
 
 @app.command("theta-v")
@@ -122,6 +157,8 @@ def theta_v(
 def _serve(running: contextlib.AbstractAsyncContextManager[str]) -> None:
     try:
         asyncio.run(_until_signal(running))
+    except RmpError:
+        raise  # a sentence of its own
     except (OSError, UnicodeError) as error:
         raise GhalError(f"cannot listen there: {getattr(error, 'strerror', None) or error}") from error
 

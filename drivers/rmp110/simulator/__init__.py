@@ -1,1 +1,1 @@
-"""An RMP 110 of dialect B2 on any bus, as strict as the fact sheet says the real one is."""
+"""An RMP 110 in any dialect, on CAN, UDP or a serial device, as strict as the fact sheet says the real one is."""

@@ -49,14 +49,14 @@ class SocketcandServer:
         self._plugged = True
         self._server: asyncio.Server | None = None
 
-    async def open(self, on_frame: Callable[[int, Frame], None]) -> None:
+    async def open(self, on_message: Callable[[int, Frame], None]) -> None:
         """Raises OSError where the port is taken."""
-        self._on_frame = on_frame
+        self._on_message = on_message
         self._server = await asyncio.start_server(self._serve, self.host, self.port)
         self.port = self._server.sockets[0].getsockname()[1]
 
-    def send(self, frames: Sequence[Frame]) -> None:
-        self._broadcast(_messages(frames), None)
+    def send(self, messages: Sequence[Frame]) -> None:
+        self._broadcast(_can_messages(messages), None)
 
     def plug(self, plugged: bool) -> None:
         self._plugged = plugged
@@ -112,12 +112,12 @@ class SocketcandServer:
     def _take(self, sender: _Client, text: str) -> None:
         message = parse_send(text)
         if message is None:
-            sender.say(b"< error bad frame >")
+            sender.say(b"< error malformed frame >")
             return
         message.timestamp = time.time()
         self._broadcast([message], sender)
         if not message.is_extended_id and self._plugged:
-            self._on_frame(time.monotonic_ns(), Frame(message.arbitration_id, bytes(message.data)))
+            self._on_message(time.monotonic_ns(), Frame(message.arbitration_id, bytes(message.data)))
 
     def _broadcast(self, messages: Sequence[can.Message], sender: _Client | None) -> None:
         text = b"".join(format_frame(message) for message in messages)
@@ -126,7 +126,7 @@ class SocketcandServer:
                 client.say(text)
 
 
-def _messages(frames: Sequence[Frame]) -> list[can.Message]:
+def _can_messages(frames: Sequence[Frame]) -> list[can.Message]:
     now = time.time()
     return [
         can.Message(arbitration_id=frame.can_id, data=frame.data, is_extended_id=False, timestamp=now)

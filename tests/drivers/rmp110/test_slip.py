@@ -214,6 +214,8 @@ def test_a_flickering_stall_does_not_flicker_in_words(driving: Drive) -> None:
 def test_coarse_positions_are_told_and_raise_no_other_alarm() -> None:
     drive = Drive()
     drive.model.drive.right_m = drive.model.drive.left_m = 70_000.0
+    # Summed up finely and told coarsely; summed up in float32 they would be wrong, and other alarms right.
+    drive.model.drive.float32 = False
     drive.send(request_mode(ModeRequest.TRACTOR))
     drive.run(4.0, 0.8, 0.2)
     (warning,) = drive.seen
