@@ -22,7 +22,7 @@ from drivers.rmp110.codec.parameters import OperationalState
 from drivers.rmp110.simulator.faults import FaultPlan
 from ghal360_robot.messages import HeadPose, OperatorInput, Twist
 from tests.virtual_time.clock import Clock, virtual_loop
-from tests.virtual_time.known import FUTURE_KEEPS_ALIVE
+from tests.virtual_time.known import FUTURE_KEEPS_ALIVE, STOPS_BETWEEN_TICKS_ARE_LOST
 from tests.virtual_time.stage import FAR_M, Hands, Stage, Surround
 
 ODD = [math.nan, math.inf, -math.inf, 1e308, -1e30, 1e-300, -0.0]
@@ -149,6 +149,9 @@ class Robot(RuleBasedStateMachine):
         message = OperatorInput(stamp_ns, HeadPose(yaw), deadman, stick, arm, disarm, estop)
         for _ in range(times):
             self.stage.message(message)
+        self.stage.hands.sending = not STOPS_BETWEEN_TICKS_ARE_LOST
+        self.wait(self.stage.run(0.03))
+        self.stage.hands.sending = True
         self.wait(self.stage.run(0.05))
 
     @rule(ring=st.sampled_from([FAR_M, 0.7, 0.5, 0.35, 0.05, 2.0]), seconds=MOMENTS)

@@ -94,9 +94,9 @@ class Witness:
 
 @dataclass(slots=True)
 class WireChecker:
-    """Feed it every frame; look at `violations`."""
+    """Feed it every frame; look at `violations`. Without a witness only the frames themselves are judged."""
 
-    witness: Witness
+    witness: Witness | None
     v_max: float = 0.5
     w_max: float = 0.8
     reverse_max: float = 0.15
@@ -125,7 +125,8 @@ class WireChecker:
     def feed(self, frame: OnWire) -> None:
         now_s = frame.stamp_ns / 1e9
         if not frame.to_base:
-            self._feedback(now_s, frame)
+            if self.witness:
+                self._feedback(now_s, frame, self.witness)
             return
         self._rate(now_s, frame)
         if len(frame.data) != 8:
@@ -148,7 +149,8 @@ class WireChecker:
         if orderly and self._excused_s < self._motion[0] and any(self._motion[1:]):
             self._complain(now_s, "the robot left without saying zero")
         self._motion = (now_s, 0.0, 0.0)
-        self.witness.revoke("the robot was restarted")
+        if self.witness:
+            self.witness.revoke("the robot was restarted")
 
     def _rate(self, now_s: float, frame: OnWire) -> None:
         self._sent_s.append(now_s)
@@ -165,8 +167,9 @@ class WireChecker:
             self._asked_standby_s = now_s
         if number == MODE_REQUEST and word == TRACTOR:
             self._asked_tractor_s = now_s
-        if number == MODE_REQUEST and word == TRACTOR and self.witness.presses_needed:
-            self._complain(now_s, f"TRACTOR without a press after: {self.witness.why_needed}")
+        witness = self.witness
+        if number == MODE_REQUEST and word == TRACTOR and witness and witness.presses_needed:
+            self._complain(now_s, f"TRACTOR without a press after: {witness.why_needed}")
 
     def _motion_frame(self, now_s: float, velocity: float, yaw_rate: float) -> None:
         if not (math.isfinite(velocity) and math.isfinite(yaw_rate) and max(abs(velocity), abs(yaw_rate)) <= 1):
@@ -176,8 +179,9 @@ class WireChecker:
         self._envelope(now_s, v, w)
         if v or w:
             self.moving += 1
-            self._right_to_move(now_s)
-            self._room(now_s, v, w)
+            if self.witness:
+                self._right_to_move(now_s, self.witness)
+                self._room(now_s, v, w, self.witness.ring_m)
             self._moving_s = now_s
         self._motion = (now_s, v, w)
 
@@ -191,8 +195,7 @@ class WireChecker:
             if not slower and abs(value - before) > accel * dt_s * 1.01 + 1e-3:
                 self._complain(now_s, f"{name} from {before:.3f} to {value:.3f} within {dt_s:.3f} s")
 
-    def _right_to_move(self, now_s: float) -> None:
-        witness = self.witness
+    def _right_to_move(self, now_s: float, witness: Witness) -> None:
         for name, hold_s in HOLD_S.items():
             age_s = now_s - witness.alive_s.get(name, -math.inf)
             if age_s > hold_s + 1e-6:
@@ -204,16 +207,16 @@ class WireChecker:
         if self._state != REPORTED_TRACTOR or self._troubled:
             self._complain(now_s, f"motion while the base reports state {self._state}, trouble {self._troubled}")
 
-    def _room(self, now_s: float, v: float, w: float) -> None:
+    def _room(self, now_s: float, v: float, w: float, ring_m: float | None) -> None:
         """Forwards there is room to brake in before the wall that the newest scan shows."""
-        if v <= 1e-3 or self.witness.ring_m is None:
+        if v <= 1e-3 or ring_m is None:
             return
-        room_m = _free_m(self.witness.ring_m, v, w)
+        room_m = _free_m(ring_m, v, w)
         fastest = CRAWL_MPS if room_m <= 0 else math.sqrt(2 * DECEL_MPS2 * (room_m + SAMPLED_M))
         if v > fastest + 1e-3:
             self._complain(now_s, f"{v:.3f} m/s with {room_m:.2f} m of room")
 
-    def _feedback(self, now_s: float, frame: OnWire) -> None:
+    def _feedback(self, now_s: float, frame: OnWire, witness: Witness) -> None:
         if frame.can_id == FIRST:
             self._packet.clear()
         if frame.can_id != FIRST + len(self._packet) or len(frame.data) != 8:
@@ -224,16 +227,16 @@ class WireChecker:
             return
         words = struct.unpack(">4I f 2I", b"".join(self._packet[:3]) + self._packet[3][:4])
         self._packet.clear()
-        self.witness.lives("base", now_s, now_s)
+        witness.lives("base", now_s, now_s)
         time_s, state = words[4], words[5]
         troubled = any(words[:4]) or words[6] != 0
         if troubled:
-            self.witness.revoke("the base reported a fault")
+            witness.revoke("the base reported a fault")
         young = YOUNG_ARMING_SURVIVES and now_s - self._asked_tractor_s < 2.1
         if time_s < self._base_time_s and not young:
-            self.witness.revoke("the base was restarted")
+            witness.revoke("the base was restarted")
         if self._state == REPORTED_TRACTOR != state and self._asked_standby_s < now_s - 1.0 and not young:
-            self.witness.revoke(f"the base left tractor mode by itself (state {state})")
+            witness.revoke(f"the base left tractor mode by itself (state {state})")
         self._state, self._troubled, self._base_time_s = state, troubled, time_s
 
     def _complain(self, now_s: float, what: str) -> None:

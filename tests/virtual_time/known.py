@@ -9,3 +9,5 @@ FUTURE_KEEPS_ALIVE = True
 """A message from the future counts as a sign of life until then."""
 YOUNG_ARMING_SURVIVES = True
 """A base that leaves its mode within two seconds of arming is driven again."""
+STOPS_BETWEEN_TICKS_ARE_LOST = True
+"""A stop in a message is not seen where the next message replaces it before the tick, with lower counts."""

@@ -55,6 +55,8 @@ class VirtualBus:
     full: bool = False
     """The bus takes no frames from us."""
     down: bool = False
+    snapshot: Callable[[], Callable[[], None]] | None = None
+    """Called when the base makes a reply; what it returns is called when that reply was delivered."""
 
     def __post_init__(self) -> None:
         self.loop = asyncio.get_running_loop()
@@ -144,9 +146,9 @@ class VirtualBus:
         delay_s = self.reply_s + (self._random.random() * self.jitter_s if self.jitter_s else 0.0)
         # A bus keeps its order: a late reply holds up those behind it.
         self._reply_due_s = max(self.loop.time() + delay_s, self._reply_due_s + FRAME_NS * len(frames) / 1e9)
-        self.loop.call_at(self._reply_due_s, self._deliver, mangled)
+        self.loop.call_at(self._reply_due_s, self._deliver, mangled, self.snapshot and self.snapshot())
 
-    def _deliver(self, frames: list[Frame]) -> None:
+    def _deliver(self, frames: list[Frame], delivered: Callable[[], None] | None) -> None:
         if self.down:
             return
         now_ns = self.clock.now_ns
@@ -155,6 +157,8 @@ class VirtualBus:
             self.on_wire(OnWire(first_ns + FRAME_NS * k, False, frame.can_id, frame.data))
         for transport in tuple(self._transports):
             transport.deliver(first_ns, frames)
+        if delivered:
+            delivered()
 
 
 class VirtualTransport:
