@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test lint campaign drives pictures clean
+.PHONY: run test lint campaign drives fuzz soak-lidar pictures clean
 
 run: $(VENV)/.installed
 	$(BIN)/ghal360 demo
@@ -23,6 +23,14 @@ campaign: $(VENV)/.installed
 # 2,000 random drives among walking people, half a minute each, in simulated time: about half an hour on two cores.
 drives: $(VENV)/.installed
 	$(BIN)/python benchmarks/drives.py --drives 2000
+
+# Ten minutes of hostile bytes for the lidar driver, guided by coverage; a failing input is left in fuzz/.
+fuzz: $(VENV)/.installed
+	$(BIN)/python fuzz/tim571.py --seconds 600
+
+# Half an hour of lidar scans in two minutes, then a hundred reconnects: nothing may grow or stay behind.
+soak-lidar: $(VENV)/.installed
+	$(BIN)/python benchmarks/lidar_soak.py
 
 # The pictures under docs/.
 pictures: $(VENV)/.installed

@@ -120,10 +120,14 @@ class Tim571Simulator:
         server, self._server = self._server, None
         if server is not None:
             server.close()
-        for connection in list(self._connections):
-            connection.abort()
+        self.hang_up()
         if server is not None:
             await server.wait_closed()
+
+    def hang_up(self) -> None:
+        """Break all connections; new ones are taken."""
+        for connection in list(self._connections):
+            connection.abort()
 
     async def replug(self) -> None:
         """Take connections again, on the same port."""

@@ -7,18 +7,18 @@ from drivers.tim571.codec.scandata import is_scan
 from drivers.tim571.codec.telegram import Telegram
 
 _ASKS = {
-    "sRN": "reads {}",
-    "sRI": "reads index {}",
-    "sWN": "writes {}",
-    "sMN": "calls {}",
-    "sMI": "calls index {}",
-    "sEN": "subscribes to {}",
+    "sRN": "reads",
+    "sRI": "reads index",
+    "sWN": "writes",
+    "sMN": "calls",
+    "sMI": "calls index",
+    "sEN": "subscribes to",
 }
 
 
 def in_words(request: Telegram, answer: Telegram) -> str:
     """Parameters of a request are left out: one of them is a password's hash."""
-    asks = _ASKS.get(request.kind, f"sends {request.kind} {{}}").format(request.name)
+    asks = f"{_ASKS.get(request.kind, f'sends {request.kind}')} {request.name}"
     if is_scan(answer):
         return f"{asks}: a scan"
     told = understand(answer)

@@ -197,9 +197,11 @@ async def test_a_method_accepted_first_and_answered_later_is_waited_for() -> Non
             super().heard(request, connection)
 
     config = replace(HASTY, output=OutputContent(rssi=True))
-    async with Slow(settings=DeviceSettings(scan_rate_hz=60.0)) as simulator:
-        async with TiM571(TcpTransport(simulator.host, simulator.port), config) as lidar:
-            (scan,) = await take(lidar, 1)
+    async with (
+        Slow(settings=DeviceSettings(scan_rate_hz=60.0)) as simulator,
+        TiM571(TcpTransport(simulator.host, simulator.port), config) as lidar,
+    ):
+        (scan,) = await take(lidar, 1)
     assert scan.rssi is not None
     assert slow
 
@@ -244,10 +246,12 @@ async def test_the_dialect_is_switched_if_asked_and_once_only(dialect: Dialect, 
 async def test_a_device_that_cannot_switch_its_dialect_streams_with_a_warning(rec: Any) -> None:
     config = replace(HASTY, switch_to=Dialect.A)
     replay = rec("tim781s_cola_b.rec")
-    async with Tim571Simulator(replay=replay) as simulator:
-        async with TiM571(TcpTransport(simulator.host, simulator.port), config) as lidar:
-            await take(lidar, 2)
-            assert "outside its limits" in lidar.stats.warning
+    async with (
+        Tim571Simulator(replay=replay) as simulator,
+        TiM571(TcpTransport(simulator.host, simulator.port), config) as lidar,
+    ):
+        await take(lidar, 2)
+        assert "outside its limits" in lidar.stats.warning
 
 
 async def test_the_output_range_is_written_only_if_it_differs() -> None:
