@@ -3,27 +3,24 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import math
-import os
 import time
 from contextlib import AsyncExitStack
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, BinaryIO
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 from rich.console import Console
 from rich.markup import escape
 
-from drivers.rmp110.codec.parameters import BY_NAME
-from drivers.rmp110.device.config import Rmp110Config
-from drivers.rmp110.device.rmp110 import Rmp110
-from drivers.rmp110.device.state import LinkState
-from drivers.rmp110.transport.can_bus import CanTransport
 from drivers.theta_v.device.camera import ThetaV, TransportFactory
 from drivers.theta_v.device.config import ThetaConfig
+from drivers.theta_v.device.readings import Readings
+from drivers.theta_v.device.survey import survey
 from drivers.theta_v.errors import ThetaError
 from drivers.theta_v.transport.libusb import LibUsbTransport
 from drivers.theta_v.transport.usbip import UsbIpTransport
@@ -31,7 +28,8 @@ from drivers.tim571.device.config import TimConfig
 from drivers.tim571.device.probe import probe as probe_lidar
 from drivers.tim571.transport.tcp import TcpTransport
 from ghal360_robot.cli.address import split_address
-from ghal360_robot.errors import GhalError, UsageError
+from ghal360_robot.cli.probe_base import Way, probe_base
+from ghal360_robot.errors import UsageError
 from ghal360_robot.hardware.camera import MODES
 from ghal360_robot.hardware.lidar import DIALECTS
 
@@ -39,9 +37,6 @@ app = typer.Typer(help="Talk to one device: identity, state, a few seconds of da
 
 Seconds = Annotated[float, typer.Option(help="How long to listen", min=0.5, max=86400)]
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on the last line of stdout")]
-
-READY_S = 5.0
-"""A base that is on answers within a tenth of a second; identification takes less than two."""
 
 
 @app.command()
@@ -92,54 +87,31 @@ def tim571(
 
 @app.command()
 def rmp110(
-    interface: Annotated[str, typer.Option(help="python-can interface")] = "socketcan",
+    protocol: Annotated[str, typer.Option(help="can; v3-udp, v3-usb only for a base known to speak V3")] = "can",
+    interface: Annotated[str, typer.Option(help="python-can interface, with can")] = "socketcan",
     channel: Annotated[str, typer.Option(help="Channel of that interface")] = "can0",
     address: Annotated[str | None, typer.Option(help="HOST:PORT of a socketcand server")] = None,
+    dialect: Annotated[str, typer.Option(help="auto, b1, b2 or b3, with can")] = "auto",
+    host: Annotated[str | None, typer.Option(help="The base's IPv4 address, with v3-udp")] = None,
+    port: Annotated[int, typer.Option(help="Its UDP port", min=1, max=65535)] = 8080,
+    device: Annotated[str, typer.Option(help="The base's serial device, with v3-usb")] = "/dev/ttyACM0",
+    fault_log: Annotated[bool, typer.Option("--fault-log", help="Read the base's own log of faults too")] = False,
     seconds: Seconds = 3.0,
     as_json: Json = False,
 ) -> None:
-    """Dialect, firmware's limits, battery and faults in words. Sends polls and read-back requests only.
+    """Dialect, firmware, stored limits, batteries and faults in words, and why the base would not move.
 
-    Example: ghal360 probe rmp110 --channel can0
+    Sends polls and read-back requests only. Packets of V3 are said to ruin an older base: name that protocol
+    only where the base is known to have it.
+
+    Examples:
+
+    ghal360 probe rmp110 --channel can0 --fault-log
+
+    ghal360 probe rmp110 --protocol v3-udp --host 10.66.171.5
     """
-    options: dict[str, Any] = {}
-    if interface == "socketcand" and address is None:
-        raise UsageError("--interface socketcand needs --address HOST:PORT of its server")
-    if address is not None:
-        interface = "socketcand"
-        options["host"], options["port"] = split_address(address)
-    asyncio.run(_probe_base(interface, channel, options, seconds, as_json))
-
-
-async def _probe_base(interface: str, channel: str, options: dict[str, Any], seconds: float, as_json: bool) -> None:
-    # Nothing is written: a probe leaves the base's stored feedback set as it is.
-    config = Rmp110Config(write_feedback_set=False)
-    async with Rmp110(lambda: CanTransport(interface, channel, **options), config) as base:
-        identity = await base.ready(READY_S)
-        await asyncio.sleep(seconds)
-        stats, state = base.stats, base.latest
-        if stats.link is not LinkState.STREAMING:
-            raise GhalError(f"the base was there and is gone: {stats.detail}")
-        stored = {name: round(float(identity.stored[name]), 6) for name in BY_NAME}
-    _show(
-        {
-            "dialect": identity.dialect.name,
-            "stored": stored,
-            "differences": {name: list(pair) for name, pair in identity.differences.items()},
-            "motion_refused_because": identity.refusal,
-            "mode": None if state is None else state.mode.name,
-            "battery_percent": None if state is None else round(state.battery_percent, 2),
-            "faults": [] if state is None else list(state.faults),
-            "dynamic_response": None if state is None else state.dynamic_response,
-            "v_mps": None if state is None else round(state.v, 4),
-            "w_radps": None if state is None else round(state.w, 4),
-            "received": stats.received,
-            "lost": stats.lost,
-            "damaged": stats.damaged,
-            "rate_hz": round(stats.rate_hz, 2),
-        },
-        as_json,
-    )
+    way = Way(protocol, interface, channel, address, dialect, host, port, device)
+    _show(asyncio.run(probe_base(way, seconds, fault_log=fault_log)), as_json)
 
 
 @app.command("theta-v")
@@ -148,7 +120,7 @@ def theta_v(
     serial: Annotated[str | None, typer.Option(help="Eight digits on the camera; without, the only one")] = None,
     mode: Annotated[str, typer.Option(help="2k or 4k")] = "2k",
     seconds: Seconds = 3.0,
-    save: Annotated[Path | None, typer.Option(help="Write the access units as received to this .h264 file")] = None,
+    save: Annotated[Path | None, typer.Option(help="Folder for all that can be read from the camera")] = None,
     as_json: Json = False,
 ) -> None:
     """Identity, picture size, rate, bit rate and damage of the live stream.
@@ -161,9 +133,11 @@ def theta_v(
     factory: TransportFactory = LibUsbTransport
     if usbip is not None:
         factory = partial(UsbIpTransport, *split_address(usbip))
+    config = ThetaConfig(mode=MODES[mode], serial=serial)
     try:
-        with open(save or os.devnull, "wb") as file:  # noqa: PTH123 - the null device where nothing is kept
-            values = asyncio.run(_probe_camera(factory, ThetaConfig(mode=MODES[mode], serial=serial), seconds, file))
+        with contextlib.ExitStack() as stack:
+            readings = stack.enter_context(Readings(save)) if save is not None else None
+            values = asyncio.run(_probe_camera(factory, config, seconds, readings))
     except OSError as error:
         if isinstance(error, ThetaError):
             raise
@@ -172,10 +146,14 @@ def theta_v(
 
 
 async def _probe_camera(
-    factory: TransportFactory, config: ThetaConfig, seconds: float, file: BinaryIO
+    factory: TransportFactory, config: ThetaConfig, seconds: float, readings: Readings | None
 ) -> dict[str, Any]:
+    found = await survey(factory, config.serial) if readings is not None else None
+    hooks = (readings.access_unit, readings.packets) if readings is not None else (None, None)
     async with AsyncExitStack() as stack:
-        camera = await stack.enter_async_context(ThetaV(factory, config, once=True))
+        camera = await stack.enter_async_context(
+            ThetaV(factory, config, on_access_unit=hooks[0], on_packets=hooks[1], once=True)
+        )
         pictures = keyframes = size = 0
         until = time.monotonic() + seconds
         units = camera.access_units()
@@ -184,11 +162,10 @@ async def _probe_camera(
             pictures += 1
             size += len(unit.raw)
             keyframes += unit.keyframe
-            file.write(unit.raw)
             if time.monotonic() >= until:
                 break
         stats = camera.stats
-    return {
+    values = {
         "model": stats.model,
         "serial": stats.serial,
         "firmware": stats.firmware,
@@ -202,9 +179,13 @@ async def _probe_camera(
         "lost": stats.lost,
         "damaged": stats.damaged,
         "tainted": stats.tainted,
+        "dropped": stats.dropped,
         "rate_hz": round(stats.rate_hz, 2),
         "bit_rate": round(stats.bit_rate),
     }
+    if readings is not None and found is not None:
+        readings.conclude(found, values)
+    return values
 
 
 def _show(values: dict[str, Any], as_json: bool) -> None:
@@ -217,5 +198,9 @@ def _show(values: dict[str, Any], as_json: bool) -> None:
             console.print(f"[bold]{key}[/]")
             for name, inner in value.items():
                 console.print(f"  {name:24} {escape(str(inner))}")
+        elif isinstance(value, list):
+            console.print(f"[bold]{key:24}[/] {'' if value else 'none'}")
+            for entry in value:
+                console.print(f"  {escape(str(entry))}")
         else:
             console.print(f"[bold]{key:24}[/] {escape(str(value))}")

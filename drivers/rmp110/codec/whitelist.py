@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from functools import partial
 
 from drivers.rmp110.codec.dialect import Action, Dialect
 from drivers.rmp110.codec.frames import CONFIG_ID, MOTION_ID, Frame, as_float32, unpack_words, word_to_float
@@ -73,6 +74,11 @@ def _stores(book: Vocabulary, name: str) -> bool:
 
 
 _ALLOWED: Mapping[Dialect, Mapping[int, Check]] = {name: _checks(book) for name, book in VOCABULARIES.items()}
+
+
+def guard(dialect: Dialect) -> Callable[[Frame], str | None]:
+    """The whitelist of one dialect, for a transport."""
+    return partial(forbidden, dialect=dialect)
 
 
 def forbidden(frame: Frame, dialect: Dialect = Dialect.B2) -> str | None:

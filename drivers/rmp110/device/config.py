@@ -44,6 +44,8 @@ class Rmp110Config:
     """One of `DIALECTS`, where the protocol is `can`."""
     read_fault_log: bool = False
     """Read the base's fault log at every connection; takes about half a second."""
+    observe_only: bool = False
+    """Neither request a mode nor move, not even to leave the base in STANDBY at the end."""
 
     def __post_init__(self) -> None:
         if not 20.0 <= self.poll_hz <= 50.0:

@@ -80,7 +80,8 @@ class Rmp110:
         """Zero motion, STANDBY once slow, then close; the reason why it could not be so is logged."""
         try:
             latest = self.latest
-            if self._pilot and latest and latest.mode is OperationalState.TRACTOR:
+            tractor = latest is not None and latest.mode is OperationalState.TRACTOR
+            if self._pilot and tractor and not self.config.observe_only:
                 await self.request_mode(STANDBY)
         except RmpError as error:
             log.warning("the base was not put to standby before closing: %s", error)
@@ -165,6 +166,8 @@ class Rmp110:
             await (pilot.enter_tractor() if mode is TRACTOR else pilot.enter_standby())
 
     def _identified(self) -> Pilot:
+        if self.config.observe_only:
+            raise RmpRefused("this connection only observes the base (observe_only)")
         if self._pilot is None or self._link_state is not LinkState.STREAMING:
             raise self.refusal() or RmpNotIdentified("the base is not identified")
         return self._pilot
