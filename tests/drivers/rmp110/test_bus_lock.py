@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import fcntl
 import subprocess
 import sys
 import tempfile
+import threading
 from pathlib import Path
 
 import pytest
@@ -56,8 +58,9 @@ def test_a_file_with_rubbish_in_it_is_a_lock_all_the_same(tmp_path: Path) -> Non
 
 
 def test_names_that_are_no_file_names_stay_inside_the_directory(tmp_path: Path) -> None:
-    BusLock("virtual:../../etc/passwd", tmp_path).release()
+    lock = BusLock("virtual:../../etc/passwd", tmp_path)
     assert [path.parent for path in tmp_path.rglob("*.lock")] == [tmp_path]
+    lock.release()
 
 
 def test_a_link_laid_in_the_way_is_not_followed(tmp_path: Path) -> None:
@@ -98,10 +101,52 @@ async def test_a_transport_holds_its_bus_until_closed_and_a_failed_opening_leave
             await CanTransport("socketcan", "can987", lock_dir=tmp_path).open(lambda *_: None, lambda _: None)
     await second.open(lambda *_: None, lambda _: None)
     await second.close()
-    assert _lock_files(tmp_path) == {"rmp110-virtual%3Alock-test.lock": 0, "rmp110-socketcan%3Acan987.lock": 0}, (
-        "signed only when held"
-    )
+    assert list(tmp_path.glob("*")) == [], "nothing is left behind"  # noqa: ASYNC240
 
 
-def _lock_files(directory: Path) -> dict[str, int]:
-    return {path.name: path.stat().st_size for path in directory.iterdir()}
+def test_a_lock_file_that_was_removed_before_it_was_locked_is_no_lock(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lock = fcntl.flock
+    first = BusLock("x", tmp_path)
+    waited: list[int] = []
+
+    def late(file: int, how: int) -> None:
+        if not waited:
+            waited.append(file)
+            first.release()
+        lock(file, how)
+
+    monkeypatch.setattr(fcntl, "flock", late)
+    second = BusLock("x", tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["rmp110-x.lock"]
+    with pytest.raises(RmpInterfaceError, match="this very process"):
+        BusLock("x", tmp_path)
+    second.release()
+
+
+def test_many_threads_that_want_one_bus_have_it_one_at_a_time(tmp_path: Path) -> None:
+    held = 0
+    most = 0
+    had = 0
+
+    def want() -> None:
+        nonlocal held, most, had
+        for _ in range(200):
+            try:
+                lock = BusLock("x", tmp_path)
+            except RmpInterfaceError:
+                continue
+            held += 1
+            most = max(most, held)
+            had += 1
+            held -= 1
+            lock.release()
+
+    threads = [threading.Thread(target=want) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(20)
+    assert most == 1
+    assert had > 0
