@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test lint campaign drives fuzz soak-lidar pictures clean
+.PHONY: run test lint campaign drives fuzz soak soak-lidar pictures clean
 
 run: $(VENV)/.installed
 	$(BIN)/ghal360 demo
@@ -27,6 +27,10 @@ drives: $(VENV)/.installed
 # Ten minutes of hostile bytes for the lidar driver, guided by coverage; a failing input is left in fuzz/.
 fuzz: $(VENV)/.installed
 	$(BIN)/python fuzz/tim571.py --seconds 600
+
+# A simulated day of driving with 3,000 faults on bus and base: about ten minutes on one core.
+soak: $(VENV)/.installed
+	$(BIN)/python -m benchmarks.soak --hours 24
 
 # Half an hour of lidar scans in two minutes, then a hundred reconnects: nothing may grow or stay behind.
 soak-lidar: $(VENV)/.installed

@@ -157,7 +157,7 @@ class Stage:
         in_order = stamp_s > self._newest_message_s
         first = math.isinf(self._newest_message_s)
         counts = (message.arm_presses, message.disarm_presses, message.estop_presses)
-        heard = stamp_s >= self._newest_message_s or not OVERTAKEN_STOPS_ARE_IGNORED
+        heard = not sane or stamp_s >= self._newest_message_s or not OVERTAKEN_STOPS_ARE_IGNORED
         if heard and all(0 <= count < POSSIBLE_PRESSES for count in counts):
             self.witness.presses(now_s, *counts, steers=sane, first=first)
         if sane:
