@@ -5,14 +5,12 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import math
 import time
 from contextlib import AsyncExitStack
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 from rich.console import Console
 from rich.markup import escape
@@ -24,14 +22,11 @@ from drivers.theta_v.device.survey import survey
 from drivers.theta_v.errors import ThetaError
 from drivers.theta_v.transport.libusb import LibUsbTransport
 from drivers.theta_v.transport.usbip import UsbIpTransport
-from drivers.tim571.device.config import TimConfig
-from drivers.tim571.device.probe import probe as probe_lidar
-from drivers.tim571.transport.tcp import TcpTransport
+from ghal360_robot.cli import probe_lidar as lidar
 from ghal360_robot.cli.address import split_address
 from ghal360_robot.cli.probe_base import Way, probe_base
 from ghal360_robot.errors import UsageError
 from ghal360_robot.hardware.camera import MODES
-from ghal360_robot.hardware.lidar import DIALECTS
 
 app = typer.Typer(help="Talk to one device: identity, state, a few seconds of data. Never moves anything.")
 
@@ -43,46 +38,24 @@ Json = Annotated[bool, typer.Option("--json", help="One JSON object on the last 
 def tim571(
     host: Annotated[str, typer.Option(help="The lidar's address")] = "192.168.0.1",
     port: Annotated[int, typer.Option(help="SOPAS port", min=1, max=65535)] = 2112,
+    usb: Annotated[bool, typer.Option("--usb", help="Over USB instead of Ethernet")] = False,
+    serial: Annotated[str | None, typer.Option(help="Over USB, the one with this serial number")] = None,
     dialect: Annotated[str, typer.Option(help="a, b or auto")] = "auto",
+    rssi: Annotated[str, typer.Option(help="Signal strength: leave, off, 8 or 16 bits; a change logs in")] = "leave",
+    switch: Annotated[str, typer.Option(help="Have it speak a or b until power-off; logs in")] = "leave",
     seconds: Seconds = 3.0,
     as_json: Json = False,
 ) -> None:
-    """Identity, state, rate and a look around through the lidar.
+    """Identity, state, health, clock, rate and a look around through the lidar. As it stands, changes nothing in it.
 
-    Example: ghal360 probe tim571 --host 192.168.0.1
+    Examples:
+
+    ghal360 probe tim571 --host 192.168.0.1
+
+    ghal360 probe tim571 --usb --rssi 8
     """
-    if dialect not in DIALECTS:
-        raise UsageError(f"--dialect is one of {', '.join(DIALECTS)}, not '{dialect}'")
-    found = asyncio.run(probe_lidar(lambda: TcpTransport(host, port), TimConfig(dialect=DIALECTS[dialect]), seconds))
-    stats, scan, identity = found.stats, found.scan, found.stats.identity
-    seen = np.isfinite(scan.ranges)
-    nearest = int(np.nanargmin(scan.ranges)) if seen.any() else None
-    output = identity.output if identity else None
-    _show(
-        {
-            "type": identity.type if identity else "",
-            "version": identity.version if identity else "",
-            "firmware": identity.firmware if identity else "",
-            "serial": identity.serial if identity else "",
-            "name": identity.name if identity else "",
-            "dialect": str(identity.dialect.value) if identity else "",
-            "state": identity.state.name.lower() if identity else "",
-            "operating_hours": identity.operating_hours if identity else None,
-            "power_ons": identity.power_ons if identity else None,
-            "output": str(output) if output else None,
-            "rssi": scan.rssi is not None,
-            "beams": len(scan.ranges),
-            "beams_with_range": int(seen.sum()),
-            "nearest_m": None if nearest is None else round(float(scan.ranges[nearest]), 3),
-            "nearest_yaw_deg": None if nearest is None else round(math.degrees(float(scan.yaw[nearest])), 1),
-            "device_ok": scan.device_ok,
-            "received": stats.received,
-            "lost": stats.lost,
-            "damaged": stats.damaged,
-            "rate_hz": round(stats.rate_hz, 3),
-        },
-        as_json,
-    )
+    way = lidar.Way(host, port, usb, serial, dialect, rssi, switch)
+    _show(asyncio.run(lidar.probe_lidar(way, seconds)), as_json)
 
 
 @app.command()

@@ -23,6 +23,9 @@ from drivers.rmp110.simulator.serve import serve_v3
 from drivers.rmp110.simulator.v3_model import V3Model
 from drivers.theta_v.simulator.camera import SimulatedThetaV
 from drivers.theta_v.simulator.usbip_server import UsbIpServer
+from drivers.tim571.simulator.behaviour import DeviceSettings
+from drivers.tim571.simulator.faults import FORM as LIDAR_FORM
+from drivers.tim571.simulator.faults import parse_plan as parse_lidar_plan
 from drivers.tim571.simulator.server import Tim571Simulator
 from ghal360_robot.cli.address import split_address
 from ghal360_robot.cli.scenario import checked_scenario
@@ -42,31 +45,56 @@ Seed = Annotated[int, typer.Option(help="Seed of world, noise and faults", min=0
 
 @app.command()
 def tim571(
+    *,
     host: Annotated[str, typer.Option(help="Address to listen on")] = "127.0.0.1",
     port: Annotated[int, typer.Option(help="Port; 0 takes a free one", min=0, max=65535)] = 2112,
     dialect: Annotated[str, typer.Option(help="a or b; EIHstCola switches it, as in the device")] = "a",
     replay: Annotated[Path | None, typer.Option(help="Send the scans of this .rec file instead")] = None,
+    boot: Annotated[float, typer.Option(help="Seconds of silence after power-on; a device takes up to 30", min=0)] = 0,
+    rate: Annotated[float, typer.Option(help="Revolutions per second", min=0.1, max=1000)] = 15.0,
+    drift: Annotated[float, typer.Option(help="ppm by which its clock is fast", min=-1000, max=1000)] = 4.7,
+    user_levels: Annotated[bool, typer.Option(help="Whether anybody may log in")] = True,
+    time_block: Annotated[bool, typer.Option("--time-block", help="Send it where configured")] = False,
+    faults: Annotated[str, typer.Option(help=f"What goes wrong: {LIDAR_FORM}")] = "",
+    log: Annotated[bool, typer.Option("--log", help="A line for whoever connects, asks and is told what")] = False,
     world: World = "office",
     seed: Seed = 0,
 ) -> None:
     """A TiM571 at the start position of a simulated world.
 
-    Example: ghal360 simulate tim571 --port 2112 --dialect b
+    Examples:
+
+    ghal360 simulate tim571 --port 2112 --dialect b --log
+
+    ghal360 simulate tim571 --faults corrupt=0.01,jitter_s=0.0001,power=30+5
     """
     if dialect not in {"a", "b"}:
         raise UsageError(f"--dialect is a or b, not '{dialect}'")
     checked_scenario(world=world, seed=seed, target="backpack", lidar_replay=replay)
     start = build_world(world, seed).start
     source = lidar_view(build_world(world, seed), lambda: start)
+    settings = DeviceSettings(
+        startup_s=boot, scan_rate_hz=rate, drift_ppm=drift, user_levels_enabled=user_levels, time_block=time_block
+    )
     try:
-        lidar = Tim571Simulator(source, host=host, port=port, dialect=dialect, seed=seed, replay=replay)
+        lidar = Tim571Simulator(
+            source,
+            host=host,
+            port=port,
+            dialect=dialect,
+            settings=settings,
+            faults=parse_lidar_plan(faults),
+            seed=seed,
+            replay=replay,
+            on_news=Console(highlight=False, soft_wrap=True, markup=False).print if log else None,
+        )
     except (ValueError, OSError) as error:
         raise UsageError(str(error)) from error
 
     @contextlib.asynccontextmanager
     async def running() -> AsyncIterator[str]:
         async with lidar:
-            yield f"TiM571 at {host}:{lidar.port}, dialect CoLa-{dialect.upper()}"
+            yield f"TiM571 at {host}:{lidar.port}, dialect {lidar.behaviour.dialect}"
 
     _serve(running())
 

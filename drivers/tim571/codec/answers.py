@@ -57,6 +57,9 @@ class ScanConfig(NamedTuple):
     sectors: int
     sector: OutputRange
 
+    def __str__(self) -> str:
+        return f"{self.rate_hz:g} Hz, {self.sector}"
+
 
 class Refusal(NamedTuple):
     """`sFA`."""

@@ -7,9 +7,9 @@ import time
 from collections import deque
 from collections.abc import AsyncIterator, Callable
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
-from drivers.tim571.codec import scandata
+from drivers.tim571.codec import commands, scandata
 from drivers.tim571.codec.answers import DeviceState
 from drivers.tim571.codec.deframer import Damage
 from drivers.tim571.codec.dialect import Dialect
@@ -22,7 +22,13 @@ from drivers.tim571.device.continuity import Continuity
 from drivers.tim571.device.scan import DeviceStatus, Scan, has_ranges, scan_of
 from drivers.tim571.device.session import Listeners, Session
 from drivers.tim571.device.stats import Identity, LinkState, Rate, TimStats
-from drivers.tim571.errors import TimError, TimMalformedError, TimRefusedError, TimTimeoutError
+from drivers.tim571.errors import (
+    TimError,
+    TimMalformedError,
+    TimRefusedError,
+    TimTimeoutError,
+    TimUnreachableError,
+)
 from drivers.tim571.geometry import SCAN_RATE_HZ
 from drivers.tim571.transport import Transport
 
@@ -51,6 +57,7 @@ class TiM571:
         on_telegram: OnTelegram | None = None,
     ) -> None:
         self.config = config or TimConfig()
+        self._session: Session | None = None
         self._make_transport = transport if callable(transport) else lambda: transport
         self._listeners = Listeners(on_telegram or (lambda _stamp_ns, _frame: None), self._event, self._damage)
         self._mailboxes: set[_Mailbox] = set()
@@ -138,6 +145,19 @@ class TiM571:
         finally:
             self._mailboxes.discard(mailbox)
 
+    async def read(self, name: str) -> Any:
+        """A variable of the device by its name, as `answers.understand` puts it, while scans go on coming.
+
+        Raises TimUnreachableError if there is no link, TimRefusedError if the device does not know it, TimTimeoutError
+        if it passes it over. ValueError for a name that this driver does not know.
+        """
+        if name not in commands.VARIABLES:
+            raise ValueError(f"'{name}' is no variable of a TiM571 or its sisters")
+        session = self._session
+        if session is None:
+            raise TimUnreachableError(f"There is no link to read {name} over: {self._detail}")
+        return await session.answer(commands.read(session.dialect, name), self.config.answer_timeout_s)
+
     async def keep_link(self) -> None:
         """One connection, from connecting until it ends; raises the TimError that says why.
 
@@ -146,6 +166,7 @@ class TiM571:
         self._go(LinkState.CONNECTING, f"{self._trouble} Trying now." if self._trouble else "connecting")
         while True:
             session = await startup.connect(self._make_transport, self._dialects(), self.config, self._listeners)
+            self._session = session
             self._plausibility = Plausibility()
             self._dialect = session.dialect
             self._connections += 1
@@ -156,6 +177,7 @@ class TiM571:
                 await startup.unsubscribe(session, self.config)
                 raise
             finally:
+                self._session = None
                 await session.close()
 
     async def _keep_alive(self) -> None:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from math import inf
 from random import Random
+from typing import Any
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +33,56 @@ class FaultPlan:
     """All connections close and new ones are refused."""
     power_cycle: tuple[float, float] | None = None
     """As unplugged, and the device begins anew afterwards: its ticks and counters, and all that wasn't saved."""
+
+
+def _span(text: str) -> tuple[float, float]:
+    start, _, length = text.partition("+")
+    at_s, for_s = float(start), float(length)
+    if not (0 <= at_s < inf and 0 < for_s < inf):
+        raise ValueError(text)
+    return at_s, for_s
+
+
+def _chance(text: str) -> float:
+    if not 0 <= float(text) <= 1:
+        raise ValueError(text)
+    return float(text)
+
+
+def _seconds(text: str) -> float:
+    if not 0 <= float(text) < inf:
+        raise ValueError(text)
+    return float(text)
+
+
+_READERS: dict[str, tuple[str, Callable[[str], object]]] = {
+    "drop": ("drop", _chance),
+    "corrupt": ("corrupt", _chance),
+    "bytes": ("byte_error", _chance),
+    "split": ("split", _chance),
+    "delay": ("delay", _chance),
+    "delay_s": ("delay_s", _seconds),
+    "jitter_s": ("jitter_s", _seconds),
+    "stall": ("stall", _span),
+    "unplug": ("unplug", _span),
+    "power": ("power_cycle", _span),
+}
+FORM = "drop=0.01,jitter_s=0.0001,unplug=20+5; spans are START+SECONDS; known: " + ", ".join(_READERS)
+
+
+def parse_plan(text: str) -> FaultPlan:
+    """A plan from `drop=0.01,stall=5+2`; raises ValueError with a sentence."""
+    values: dict[str, Any] = {}
+    for entry in filter(None, (part.strip() for part in text.split(","))):
+        word, _, value = entry.partition("=")
+        if word not in _READERS:
+            raise ValueError(f"'{entry}' is no fault, for example {FORM}")
+        name, read = _READERS[word]
+        try:
+            values[name] = read(value)
+        except ValueError:
+            raise ValueError(f"'{entry}' has no sensible value, for example {FORM}") from None
+    return FaultPlan(**values)
 
 
 @dataclass(frozen=True, slots=True)
