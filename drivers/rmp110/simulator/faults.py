@@ -30,7 +30,7 @@ class FaultPlan:
     delay: float = 0.0
     delay_s: float = 0.05
     silences: tuple[Span, ...] = ()
-    """The base hears and says nothing."""
+    """The base neither hears nor says anything."""
     unplugs: tuple[Span, ...] = ()
     """The bus is gone: connections close, other buses fall silent."""
     power_cycles: tuple[Span, ...] = ()

@@ -77,7 +77,7 @@ class FaultyBase(Generic[Message]):
         self._start_ns = now_ns
 
     def silence(self, until_ns: int) -> None:
-        """Hear and say nothing until then."""
+        """Neither hear nor say anything until then."""
         self._silent_until_ns = until_ns
 
     def receive(self, now_ns: int, message: Message) -> None:

@@ -58,7 +58,7 @@ class SimulatedBase(Generic[Message]):
         self._base.injector = injector
 
     def silence(self, for_s: float) -> None:
-        """Hear and say nothing for a while."""
+        """Neither hear nor say anything for a while."""
         self._base.silence(time.monotonic_ns() + round(for_s * 1e9))
 
     def unplug(self) -> None:

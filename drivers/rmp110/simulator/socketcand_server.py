@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 import can
 
 from drivers.rmp110.codec.frames import Frame
-from drivers.rmp110.transport.socketcand_text import TextSplitter, format_frame, parse_send
+from drivers.rmp110.transport.socketcand_text import TextSplitter, format_error, format_frame, parse_send
 
 log = logging.getLogger(__name__)
 
@@ -57,6 +57,12 @@ class SocketcandServer:
 
     def send(self, messages: Sequence[Frame]) -> None:
         self._broadcast(_can_messages(messages), None)
+
+    def report_error(self, classes: int) -> None:
+        """Tell every client what the bus' controller says: an error frame with these class bits."""
+        for client in list(self._clients):
+            if client.raw:
+                client.say(format_error(classes, time.time()))
 
     def plug(self, plugged: bool) -> None:
         self._plugged = plugged

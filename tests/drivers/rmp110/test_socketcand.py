@@ -15,8 +15,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drivers.rmp110 import CanTransport
 from drivers.rmp110.codec.frames import Frame
 from drivers.rmp110.simulator.socketcand_server import SocketcandServer
+from drivers.rmp110.transport.error_frames import ErrorClass
 from drivers.rmp110.transport.socketcand import SocketcandBus
 from drivers.rmp110.transport.socketcand_text import (
     MAX_MESSAGE,
@@ -275,6 +277,28 @@ async def test_clients_hear_each_other_but_not_themselves() -> None:
     finally:
         one.shutdown()
         two.shutdown()
+        await server.close()
+
+
+async def test_a_remote_controller_s_bus_off_reaches_the_driver(until: Any) -> None:
+    server = SocketcandServer("can0")
+    await server.open(lambda _stamp, _frame: None)
+    warnings: list[str] = []
+    reasons: list[str] = []
+    transport = CanTransport("socketcand", "can0", host="127.0.0.1", port=server.port, on_warning=warnings.append)
+    try:
+        await transport.open(lambda _stamp, _frame: None, reasons.append)
+        server.report_error(ErrorClass.NO_ACK)
+        await until(lambda: warnings)
+        assert "nobody acknowledges" in warnings[0]
+        server.report_error(ErrorClass.BUS_OFF)
+        server.report_error(ErrorClass.BUS_OFF)
+        await until(lambda: transport.stats.errors.bus_off == 2)
+        assert len(reasons) == 1
+        assert "bus-off" in reasons[0]
+        assert transport.damaged == 0
+    finally:
+        await transport.close()
         await server.close()
 
 
