@@ -14,7 +14,7 @@ import signal
 import statistics
 import tempfile
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -112,11 +112,13 @@ class Result:
     """All samples of one cause."""
 
     cause: Cause
-    samples: tuple[Sample, ...] = field(default_factory=tuple)
+    samples: tuple[Sample, ...]
+    trouble: str = ""
+    """Why there are not as many as were asked for; empty when all is well."""
 
     @property
     def passed(self) -> bool:
-        return bool(self.samples) and all(sample.passed() for sample in self.samples)
+        return bool(self.samples) and not self.trouble and all(sample.passed() for sample in self.samples)
 
     @property
     def to_zero_ms(self) -> list[float | None]:
@@ -129,13 +131,15 @@ class Result:
     @property
     def limits_ms(self) -> tuple[float, float]:
         """To zero, and to standstill from the highest speed among the samples."""
-        return TO_ZERO_MS, max(sample.limits_ms[1] for sample in self.samples)
+        speeds = [sample.stop.speed_mps for sample in self.samples]
+        return self.cause.limits_ms(max(speeds, default=SPEED_MPS))
 
     def to_json(self) -> dict[str, Any]:
         """Medians under the plain names; None where one sample has no value, because it never happened."""
         return {
             "cause": self.cause.name,
             "passed": self.passed,
+            "trouble": self.trouble,
             "to_zero_ms": _round(median(self.to_zero_ms)),
             "to_zero_worst_ms": _round(worst(self.to_zero_ms)),
             "to_zero_limit_ms": self.limits_ms[0],
@@ -199,6 +203,18 @@ CAUSES: tuple[Cause, ...] = (
     Cause("sigterm", "SIGTERM", _signalled(signal.SIGTERM), ends=True),
     Cause("sigkill", "SIGKILL", _signalled(signal.SIGKILL), zero_comes=False, ends=True),
 )
+
+
+async def measure_all(cause: Cause, repeat: int, progress: Callable[[int], None]) -> Result:
+    """So many stops for one cause, each at another phase of the robot's periods; `progress` hears of each begun."""
+    samples: list[Sample] = []
+    try:
+        for number in range(repeat):
+            progress(number)
+            samples.append(await measure(cause, seed=number))
+    except SubjectError as error:
+        return Result(cause, tuple(samples), str(error))
+    return Result(cause, tuple(samples))
 
 
 async def measure(cause: Cause, seed: int = 0) -> Sample:

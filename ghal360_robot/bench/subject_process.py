@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 ANSWER_S = 5.0
 """An order is carried out within a turn of the robot's event loop; this is for a very busy computer."""
 MAX_SAID = 1000
+LAST_WORDS = 3
 
 
 class SubjectError(GhalError):
@@ -105,8 +106,8 @@ class SubjectProcess:
     def last_words(self) -> str:
         """What it said last, on its pipe or on stderr."""
         lines = self._complaints.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-        words = [*(said.text for said in self.said), *lines]
-        return words[-1] if words else "it said nothing"
+        words = list(dict.fromkeys([*lines[-1:], *(said.text for said in self.said)]))
+        return "; ".join(words[-LAST_WORDS:]) or "it said nothing"
 
     @property
     def _complaints(self) -> Path:

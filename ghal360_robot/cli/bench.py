@@ -57,7 +57,7 @@ def stop(
         Console(highlight=False).print(_stop_table(results), "", "the robot said", _remarks(results))
     if failed:
         raise GhalError(
-            f"{len(failed)} of {len(results)} causes did not stop the robot in time: {', '.join(failed)}. "
+            f"{len(failed)} of {len(results)} causes missed a limit or were not measured: {', '.join(failed)}. "
             "On a machine that is busy with something else, measure again before looking for the reason"
         )
 
@@ -97,12 +97,12 @@ async def _stops(causes: list[stopping.Cause], repeat: int, console: Console) ->
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, _this_task().cancel)
     results = []
     for cause in causes:
-        samples = []
-        for number in range(repeat):
+
+        def say(number: int, words: str = cause.words) -> None:
             more = f" ({number + 1} of {repeat})" if repeat > 1 else ""
-            console.print(f"driving until: {cause.words}{more} ...")
-            samples.append(await stopping.measure(cause, seed=number))
-        results.append(stopping.Result(cause, tuple(samples)))
+            console.print(f"driving until: {words}{more} ...")
+
+        results.append(await stopping.measure_all(cause, repeat, say))
     return results
 
 
@@ -128,8 +128,14 @@ def _stop_table(results: list[stopping.Result]) -> Table:
         for measured, limit in zip((result.to_zero_ms, result.to_standstill_ms), result.limits_ms, strict=True):
             figures = {"median": stopping.median(measured), "worst": stopping.worst(measured), "limit": limit}
             values += [_ms(figures.get(name, figures["worst"])) for name in columns]
-        table.add_row(result.cause.words, *values, "ok" if result.passed else "[bold red]too late[/]")
+        table.add_row(result.cause.words, *values, _verdict(result))
     return table
+
+
+def _verdict(result: stopping.Result) -> str:
+    if result.passed:
+        return "ok"
+    return "[bold red]not measured[/]" if result.trouble else "[bold red]too late[/]"
 
 
 def _remarks(results: list[stopping.Result]) -> Table:
@@ -137,6 +143,8 @@ def _remarks(results: list[stopping.Result]) -> Table:
     table = Table(box=None, padding=(0, 1), show_header=False)
     for result in results:
         said = dict.fromkeys(remark for sample in result.samples for remark in sample.remarks)
+        if result.trouble:
+            said[result.trouble] = None
         table.add_row(result.cause.words, "\n".join(escape(remark) for remark in said) or "(nothing)")
     return table
 

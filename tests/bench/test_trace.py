@@ -90,4 +90,11 @@ def test_a_cause_is_judged_by_its_worst_sample() -> None:
     told = Result(SURVIVED, (good, good, late)).to_json()
     assert (told["to_zero_ms"], told["to_zero_worst_ms"], told["passed"]) == (200.0, 400.0, False)
     assert Result(SURVIVED, (good, never)).to_json()["to_zero_worst_ms"] is None
+
+
+def test_what_could_not_be_measured_did_not_pass() -> None:
+    good = sample(SURVIVED, 200.0, 1200.0)
     assert not Result(SURVIVED, ()).passed
+    assert not Result(SURVIVED, (good,), "the robot does not drive").passed
+    told = Result(SURVIVED, (), "the robot does not drive").to_json()
+    assert (told["to_zero_ms"], told["trouble"]) == (None, "the robot does not drive")
