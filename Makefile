@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test lint campaign drives fuzz soak soak-lidar pictures clean
+.PHONY: run test lint test-usb test-usb-short campaign drives fuzz soak soak-lidar pictures clean
 
 run: $(VENV)/.installed
 	$(BIN)/ghal360 demo
@@ -15,6 +15,14 @@ lint: $(VENV)/.installed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+# The camera's driver on a real Linux kernel in a virtual machine: five minutes on two idle cores, or the short form
+# in one. Needs qemu-system-x86 installed and Debian's package lists; root for nothing.
+test-usb: $(VENV)/.installed
+	$(BIN)/python -m tests.usb_kernel.run
+
+test-usb-short: $(VENV)/.installed
+	$(BIN)/python -m tests.usb_kernel.run smoke
 
 # Ten searches through all wires in real time, many more in simulated time: about twenty minutes.
 campaign: $(VENV)/.installed

@@ -24,7 +24,7 @@ from drivers.theta_v.transport.libusb import LibUsbTransport
 from drivers.theta_v.transport.usbip import UsbIpTransport
 from ghal360_robot.cli import probe_lidar as lidar
 from ghal360_robot.cli.address import split_address
-from ghal360_robot.cli.probe_base import Way, probe_base
+from ghal360_robot.cli.probe_base import Way, in_words, probe_base
 from ghal360_robot.errors import UsageError
 from ghal360_robot.hardware.camera import MODES
 
@@ -84,7 +84,8 @@ def rmp110(
     ghal360 probe rmp110 --protocol v3-udp --host 10.66.171.5
     """
     way = Way(protocol, interface, channel, address, dialect, host, port, device)
-    _show(asyncio.run(probe_base(way, seconds, fault_log=fault_log)), as_json)
+    found = asyncio.run(probe_base(way, seconds, fault_log=fault_log))
+    _show(found if as_json else in_words(found), as_json)
 
 
 @app.command("theta-v")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import re
 import subprocess
 import sys
@@ -65,7 +66,7 @@ def test_a_simulated_base_is_probed_and_told_nothing_that_moves() -> None:
 
 
 def test_a_simulated_camera_is_probed_and_its_stream_saved(tmp_path: Path) -> None:
-    saved = tmp_path / "stream.h264"
+    saved = tmp_path / "readings"
     with simulated("theta-v", "--usbip", "127.0.0.1:0", "--rate", "10") as address:
         ran = ghal360("probe", "theta-v", "--usbip", address, "--seconds", "2", "--save", saved, "--json")
     assert ran.status == 0, ran.err
@@ -74,7 +75,13 @@ def test_a_simulated_camera_is_probed_and_its_stream_saved(tmp_path: Path) -> No
     assert found["model"].startswith("RICOH THETA V")
     assert found["damaged"] == 0
     assert 8 < found["rate_hz"] < 12
-    assert saved.read_bytes()[:4] == b"\x00\x00\x00\x01"
+    assert (saved / "stream.h264").read_bytes()[:4] == b"\x00\x00\x00\x01"
+    readings = json.loads((saved / "readings.json").read_text())
+    assert readings["survey"]["faces"][0]["configuration"].startswith("0902b001")
+    assert readings["survey"]["negotiation"]["PROBE GET_LEN"] == "3000"
+    assert len(readings["survey"]["properties"]) == 49
+    assert len((saved / "units.csv").read_text().splitlines()) >= found["pictures"]
+    assert (saved / "headers.csv").read_text().splitlines()[1].split(",")[3].startswith("02")
 
 
 def test_a_port_that_is_taken_is_one_sentence() -> None:

@@ -18,7 +18,7 @@ from tests.usb_kernel.kernel import CACHE, Missing, initramfs, kernel_package, u
 
 ROOT = Path(__file__).parents[2]
 CPU = "Nehalem"  # newer ones copy memory by "rep movsb", which software emulation does byte by byte
-LIMIT_S = {"t": 300, "smoke": 240, "full": 900}
+LIMIT_S = {"smoke": 240, "full": 900}
 
 
 def boot(plan: str, out: Path) -> dict[str, Any]:
@@ -37,7 +37,7 @@ def boot(plan: str, out: Path) -> dict[str, Any]:
     (image,) = (kernel / "boot").glob("vmlinuz-*")
     console = out / "console.log"
     words = [
-        qemu, "-accel", "tcg", "-machine", "q35", "-cpu", CPU, "-smp", "1", "-m", "1024", "-nodefaults",
+        qemu, "-accel", "tcg,thread=multi", "-machine", "q35", "-cpu", CPU, "-smp", "2", "-m", "1024", "-nodefaults",
         "-display", "none", "-no-reboot", "-kernel", image, "-initrd", archive,
         "-append", "console=ttyS0 quiet panic=-1 mitigations=off",
         "-serial", f"file:{console}", "-nic", "none",
@@ -64,6 +64,11 @@ def main() -> None:
         print(f"{error}\n(see {arguments.out / 'console.log'})", file=sys.stderr)
         sys.exit(1)
     print(json.dumps(found | {"wall_s": round(time.monotonic() - started, 1)}))
+    for failure in found["failures"]:
+        print(failure, file=sys.stderr)
+    if found["failures"] and (found["overruns"] or found["late"]):
+        print("the simulated camera itself fell behind: this machine is too slow or too busy", file=sys.stderr)
+    sys.exit(not found["ok"])
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from drivers.theta_v.device.ladder import Ladder, Step
 from drivers.theta_v.device.mailbox import Mailbox
 from drivers.theta_v.device.stats import Link, ThetaStats
 from drivers.theta_v.errors import ThetaError, ThetaGone, ThetaNotFound, ThetaTimeout
-from drivers.theta_v.transport.base import Identity, UsbTransport
+from drivers.theta_v.transport.base import Identity, PacketSink, UsbTransport
 
 WATCH_S = 0.1  # how often the stream's sign of life is looked at; a tenth of the patience
 RETURN_PAUSE_S = 0.2  # between two looks for a camera that changes its mode
@@ -33,9 +33,10 @@ log = logging.getLogger(__name__)
 class ThetaV:
     """One THETA, kept streaming until closed: it reconnects for ever and says why in `stats.detail`.
 
-    `on_access_unit` hears of every picture before any is dropped. It is called in the collecting thread
-    and must return at once. Built with `once`, entering raises ThetaError when there is no stream to be
-    had, and a stream that breaks raises from `access_units` instead of being taken up again.
+    `on_access_unit` hears of every picture before any is dropped, `on_packets` of every batch of packets.
+    They are called in the collecting thread and must return at once. Built with `once`, entering raises
+    ThetaError when there is no stream to be had, and a stream that breaks raises from `access_units`
+    instead of being taken up again.
     """
 
     def __init__(
@@ -44,11 +45,12 @@ class ThetaV:
         config: ThetaConfig | None = None,
         *,
         on_access_unit: AccessUnitHook | None = None,
+        on_packets: PacketSink | None = None,
         once: bool = False,
     ) -> None:
         self.config = config or ThetaConfig()
         self._factory, self._once = transport_factory, once
-        self._collector = Collector(on_access_unit)
+        self._collector = Collector(on_access_unit, on_packets)
         self._link, self._detail = Link.CLOSED, ""
         self._reconnects = self._restarts = 0
         self._identity: Identity | None = None

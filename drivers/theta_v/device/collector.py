@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from functools import partial
 
 from drivers.theta_v.codec.access_units import AccessUnit, AccessUnitTracker
 from drivers.theta_v.codec.h264 import opens_stream
@@ -11,6 +12,7 @@ from drivers.theta_v.codec.payload import Assembler, Packet
 from drivers.theta_v.device.mailbox import Mailbox
 from drivers.theta_v.device.stats import Meter
 from drivers.theta_v.errors import ThetaError
+from drivers.theta_v.transport.base import PacketSink
 
 AccessUnitHook = Callable[[AccessUnit], None]
 
@@ -24,13 +26,13 @@ class Collector:
     counts and passes on; whatever takes longer is the reader's business.
     """
 
-    def __init__(self, hook: AccessUnitHook | None) -> None:
+    def __init__(self, hook: AccessUnitHook | None, packet_hook: PacketSink | None = None) -> None:
         self.meter = Meter()
         self.hook_failures = 0
         """Times the recorder's hook raised; the stream goes on without it."""
         self.last_end_ns: int | None = None
         """When the newest unit ended, whatever was in it: the camera's sign of life."""
-        self._hook = hook
+        self._hook, self._packet_hook = hook, packet_hook
         self._assembler = Assembler(opens=opens_stream)
         self._tracker = AccessUnitTracker()
         self._mailboxes: tuple[Mailbox, ...] = ()
@@ -68,7 +70,9 @@ class Collector:
             mailbox.close(error)
 
     def packets(self, stamp_ns: int, packets: list[Packet]) -> None:
-        """Sink of the isochronous transport."""
+        """Sink of the transport."""
+        if self._packet_hook is not None:
+            self._tell(partial(self._packet_hook, stamp_ns, packets))
         for unit in self._assembler.feed(stamp_ns, packets):
             self.last_end_ns = stamp_ns
             access_unit = self._tracker.feed(unit)
@@ -78,13 +82,17 @@ class Collector:
     def _publish(self, unit: AccessUnit) -> None:
         self.meter.count(unit)
         if self._hook is not None:
-            try:
-                self._hook(unit)
-            except Exception:
-                self.hook_failures += 1
-                log.exception("the hook for access units failed")
+            self._tell(partial(self._hook, unit))
         for mailbox in self._mailboxes:
             try:
                 mailbox.put(unit)
             except RuntimeError:
                 log.debug("a picture came after the event loop had ended")
+
+    def _tell(self, hook: Callable[[], None]) -> None:
+        """A recorder that fails, whatever its reason, must not stop the pictures."""
+        try:
+            hook()
+        except Exception:
+            self.hook_failures += 1
+            log.exception("a hook for what the camera sends failed")

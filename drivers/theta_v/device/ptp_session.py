@@ -84,6 +84,10 @@ class PtpSession:
         what = f"{code.name.lower()} = {value}"
         await self._patiently(Operation.SET_PROPERTY, what, code, data=encode_value(KINDS[code], value))
 
+    async def ask(self, operation: int, what: str, parameter: int) -> bytes:
+        """The data of any operation with one parameter. Raises PtpRefused."""
+        return await self._operate(operation, what, parameter)
+
     async def _patiently(self, operation: int, what: str, parameter: int, data: bytes | None = None) -> bytes:
         """Ask again while the camera says it is busy, for some seconds."""
         deadline = time.monotonic() + BUSY_S

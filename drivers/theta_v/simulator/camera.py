@@ -132,11 +132,15 @@ class SimulatedThetaV:
     def configuration(self) -> bytes:
         return d.LIVE_CONFIGURATION if self._composition is Composition.LIVE else d.MTP_CONFIGURATION
 
-    def offer(self, access_unit: bytes) -> bool:
-        """One H.264 access unit (Annex B, SPS and PPS in key pictures) is ready. False if it was dropped."""
+    def offer(self, access_unit: bytes, keyframe: bool | None = None) -> bool:
+        """One H.264 access unit (Annex B, SPS and PPS in key pictures) is ready. False if it was dropped.
+
+        Whoever knows whether it is a key picture spares the camera the look into it.
+        """
         self._advance()
         with self.lock:
-            keyframe = any(n.kind == h264.IDR for n in h264.split(access_unit))
+            if keyframe is None:
+                keyframe = any(n.kind == h264.IDR for n in h264.split(access_unit))
             taken = self._present and self.video.offer(access_unit, self.clock(), keyframe)
         if taken:
             for listener in self._listeners:
