@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from drivers.rmp110.codec.dialect import Dialect
 from drivers.rmp110.codec.faults import dynamic_response_texts
-from drivers.rmp110.codec.parameters import OperationalState
+from drivers.rmp110.codec.parameters import BY_NAME, Kind, OperationalState
+from drivers.rmp110.codec.vocabulary import B3
 from drivers.rmp110.codec.whitelist import guard
 from drivers.rmp110.device.config import DIALECTS, Rmp110Config
 from drivers.rmp110.device.rmp110 import Rmp110
@@ -31,6 +32,8 @@ READY_S = 8.0
 LOG_ENTRIES = 5
 """The newest ones say what happened; the log keeps twenty."""
 NOT_TOLD = "not told by this feedback set; --fault-log reads it"
+LATERAL_ACCEL = B3.parameter("lateral_accel")
+"""Stored by B3 and V3 only."""
 STANDING = (OperationalState.STANDBY, OperationalState.TRACTOR)
 
 
@@ -114,6 +117,35 @@ async def probe_base(way: Way, seconds: float, *, fault_log: bool) -> dict[str, 
         log = identity.fault_log
         found["fault_log"] = ["it did not come whole"] if log is None else log_lines(log)
     return found
+
+
+def in_words(found: dict[str, Any]) -> dict[str, Any]:
+    """The same for the person at the robot: stored parameters with units and against what is expected."""
+    different = found["differences"]
+    stored = {name: _stored(name, value, different.get(name)) for name, value in found["stored"].items()}
+    refused = found["motion_refused_because"] or "it would not be, once tractor mode is requested"
+    said = {key: value for key, value in found.items() if key != "differences"}
+    return said | {"stored": stored, "motion_refused_because": refused}
+
+
+def _stored(name: str, value: float, different: list[float] | None) -> str:
+    parameter = BY_NAME.get(name, LATERAL_ACCEL)
+    text = FORMATS[parameter.kind](value)
+    expected = f", expected {FORMATS[parameter.kind](different[1])}" if different else ""
+    return f"{text} {parameter.unit}".rstrip() + expected
+
+
+def _dotted(value: float) -> str:
+    """The byte order that the vendor's own tool puts on the wire (fact sheet 4.5)."""
+    return ".".join(str(byte) for byte in int(value).to_bytes(4, "little"))
+
+
+FORMATS: dict[Kind, Callable[[float], str]] = {
+    Kind.FLOAT: "{:g}".format,
+    Kind.UINT: "{:.0f}".format,
+    Kind.HEX: lambda value: f"0x{int(value):08X}",
+    Kind.IP: _dotted,
+}
 
 
 def refused_because(refusal: RmpRefused | None, state: State) -> str | None:

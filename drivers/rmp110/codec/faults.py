@@ -157,6 +157,8 @@ LOG_GROUPS: tuple[tuple[str, Texts], ...] = (
 
 def fault_texts(words: Sequence[int], groups: Sequence[Group] = GROUPS) -> tuple[str, ...]:
     """Every set bit of fault status words 1..4 as `group: text`; bits nobody documented by their number."""
+    if not any(words):
+        return ()
     return tuple(
         f"{group}: {text}"
         for group, index, shift, mask, table in groups

@@ -16,7 +16,7 @@ from drivers.rmp110.errors import RmpFaulted, RmpLimitsDiffer, RmpWrongMode
 from drivers.rmp110.simulator.packet_wires import PtyWire, UdpWire
 from drivers.rmp110.simulator.serve import serve_v3
 from drivers.rmp110.simulator.v3_model import V3Model
-from ghal360_robot.cli.probe_base import NOT_TOLD, Way, probe_base, refused_because
+from ghal360_robot.cli.probe_base import NOT_TOLD, Way, in_words, probe_base, refused_because
 from ghal360_robot.errors import UsageError
 
 pytestmark = pytest.mark.usefixtures("short_listening")
@@ -41,6 +41,17 @@ async def test_a_can_base_is_told_in_words_and_left_as_it_is(rig: Any) -> None:
     assert found["faults"] == found["warnings"] == []
     assert found["rate_hz"] > 30
     assert "power cycles" in found["fault_log"][0]
+
+
+async def test_for_people_stored_parameters_have_units_and_what_was_expected(rig: Any) -> None:
+    async with rig("socketcand", compact=False) as it:
+        way = dataclasses.replace(CAN, channel=it.channel, address=f"127.0.0.1:{it.sim.port}")
+        said = in_words(await probe_base(way, LISTEN_S, fault_log=False))
+    assert said["stored"]["max_decel"] == "4 m/s^2, expected 0.5"
+    assert said["stored"]["input_bitmap"] == "0x00000101"
+    assert said["stored"]["ip_address"] == "192.168.0.40"
+    assert said["stored"]["ip_port"] == "8080"
+    assert "differences" not in said
 
 
 async def test_what_the_compact_set_does_not_tell_is_said(rig: Any) -> None:
