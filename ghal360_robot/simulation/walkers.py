@@ -41,6 +41,8 @@ STALLED_S = 2.0
 """Who cannot get on for so long goes elsewhere."""
 BUMPED_S = 4.0
 """Who walked into the robot keeps off it for so long."""
+NEAR_M = 1.2
+"""Further apart nobody can run into another before the next decision."""
 APART_M, ROBOT_APART_M = 0.25, 0.40
 """Room that people like to keep between themselves, and to a robot they look at."""
 TOUCH_M = 0.03
@@ -96,8 +98,10 @@ class Crowd:
         self.velocity = np.zeros((count, 2))
         self.heading = rng.uniform(-math.pi, math.pi, count)
         self._phase = rng.uniform(0.0, 1.0, count)
+        self._legs: Floats | None = None
         self._wanted = np.zeros((count, 2))
         self._hard = np.zeros(count, bool)
+        self._close: list[tuple[int, int]] = []
         self._now_s = 0.0
         self._decide_s = 0.0
         self._rest_until_s = rng.uniform(0.0, 1.5, count)
@@ -113,6 +117,7 @@ class Crowd:
         if not len(self):
             return
         self._now_s += dt_s
+        self._legs = None
         self._bump(robot)
         if self._now_s >= self._decide_s:
             self._decide_s += DECIDE_S
@@ -121,6 +126,11 @@ class Crowd:
 
     def legs(self) -> Floats:
         """(2n, 3) circles at the height of the lidar: x, y, radius; left and right leg of each in turn."""
+        if self._legs is None:
+            self._legs = self._stand_on()
+        return self._legs
+
+    def _stand_on(self) -> Floats:
         ahead = np.column_stack((np.cos(self.heading), np.sin(self.heading)))
         aside = np.column_stack((-ahead[:, 1], ahead[:, 0]))
         speed = np.hypot(*self.velocity.T)
@@ -180,6 +190,8 @@ class Crowd:
                 aims[i] = aim
                 speeds[i] = min(self.pace[i], math.sqrt(2.0 * ACCEL * max(left_m, 0.0)) + 0.1)
         self._choose(aims, speeds, robot)
+        everyone = range(len(self))
+        self._close = [(i, j) for i in everyone for j in range(i) if math.dist(self.at[i], self.at[j]) < NEAR_M]
         close, back = self._backing_off(robot)
         self._wanted[close] = back[close]
         slow = np.hypot(*self.velocity.T) < 0.1
@@ -252,11 +264,10 @@ class Crowd:
         gap_before, gap = (np.hypot(*(place - (robot.x, robot.y)).T) - reach for place in (self.at, there))
         stopped = gap < TOUCH_M if self.courteous else gap_before < 0.0
         blocked |= stopped & (gap < gap_before)
-        for i in range(1, len(self)):
-            for j in range(i):
-                gap = math.dist(there[i], there[j]) - self.radius[i] - self.radius[j]
-                if gap < 0.0 and gap < math.dist(self.at[i], self.at[j]) - self.radius[i] - self.radius[j]:
-                    blocked[i] = blocked[j] = True
+        for i, j in self._close:
+            apart = math.dist(there[i], there[j])
+            if apart < self.radius[i] + self.radius[j] and apart < math.dist(self.at[i], self.at[j]):
+                blocked[i] = blocked[j] = True
         self.velocity = np.where(blocked[:, None], 0.0, velocity)
         self.at = np.where(blocked[:, None], self.at, there)
         speed = np.hypot(*self.velocity.T)

@@ -99,13 +99,16 @@ class Ground:
         if whole < 2 * CELL_M:
             return goal, math.dist(here, goal)
         aim = None
-        for _ in range(LOOK_CELLS):
+        for step in range(LOOK_CELLS):
             row, column = min(((row + dy, column + dx) for dy, dx in STEPS), key=lambda cell: length[cell[0]][cell[1]])
             point = ((column + 0.5) * CELL_M, (row + 0.5) * CELL_M)
+            last = length[row][column] < CELL_M
+            if not last and step % 3:
+                continue
             if aim is not None and not self._straight(way_m, here, point):
                 break
             aim = point
-            if length[row][column] < CELL_M:
+            if last:
                 break
         return aim or here, whole
 
