@@ -49,7 +49,8 @@ class Trial:
         survey = json.loads((folder / "readings.json").read_text(encoding="utf-8"))["survey"]
         shutil.rmtree(folder)
         found |= compare(self.encoder.sent[before:], got) | {
-            "exit": status, "kernel_driver": kernel_drivers(), "reenumeration_s": survey["reenumeration_s"], "late": self.encoder.late - late,
+            "exit": status, "kernel_drivers": kernel_drivers(), "reenumeration_s": survey["reenumeration_s"],
+            "late": self.encoder.late - late,
             "cpu_s": {name: round(value - busy[name], 1) for name, value in cpu_s().items()},
         }  # fmt: skip
         self._note(name, found)
@@ -153,8 +154,9 @@ def compare(sent: list[int], got: list[tuple[int, bool]]) -> dict[str, int]:
 
 def kernel_drivers() -> dict[str, str]:
     """Which of Linux's own drivers sits on which interface of the camera, now that ours has let go."""
-    links = Path("/sys/bus/usb/devices").glob("*:1.*/driver")
-    return {link.parent.name: link.resolve().name for link in sorted(links) if not link.parent.name.startswith("usb")}
+    links = sorted(Path("/sys/bus/usb/devices").glob("*:1.*/driver"))
+    found = {link.parent.name: link.resolve().name for link in links}
+    return {interface: driver for interface, driver in found.items() if driver != "hub"}
 
 
 def cpu_s() -> dict[str, float]:
