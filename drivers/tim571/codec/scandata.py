@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 from drivers.tim571.codec import fields
 from drivers.tim571.codec.dialect import Dialect
-from drivers.tim571.codec.fields import Reader, Samples, Writer
+from drivers.tim571.codec.readers import Reader, Samples
 from drivers.tim571.codec.telegram import Telegram
+from drivers.tim571.codec.writers import Writer
 from drivers.tim571.errors import TimMalformedError
 
 TICKS = 1 << 32

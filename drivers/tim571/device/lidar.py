@@ -4,27 +4,24 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections import deque
 from collections.abc import AsyncIterator, Callable
 from types import TracebackType
 from typing import Any, Self
 
-from drivers.tim571.codec import commands, scandata
+from drivers.tim571.codec import commands
 from drivers.tim571.codec.answers import DeviceState
 from drivers.tim571.codec.deframer import Damage
 from drivers.tim571.codec.dialect import Dialect
-from drivers.tim571.codec.plausibility import Plausibility
 from drivers.tim571.codec.telegram import Telegram
 from drivers.tim571.device import startup
-from drivers.tim571.device.clock import DeviceClock
 from drivers.tim571.device.config import TimConfig
-from drivers.tim571.device.continuity import Continuity
-from drivers.tim571.device.scan import DeviceStatus, Scan, has_ranges, scan_of
+from drivers.tim571.device.intake import Intake
+from drivers.tim571.device.mailbox import Mailbox
+from drivers.tim571.device.scan import DeviceStatus, Scan
 from drivers.tim571.device.session import Listeners, Session
 from drivers.tim571.device.stats import Identity, LinkState, Rate, TimStats
 from drivers.tim571.errors import (
     TimError,
-    TimMalformedError,
     TimRefusedError,
     TimTimeoutError,
     TimUnreachableError,
@@ -60,14 +57,11 @@ class TiM571:
         self._session: Session | None = None
         self._make_transport = transport if callable(transport) else lambda: transport
         self._listeners = Listeners(on_telegram or (lambda _stamp_ns, _frame: None), self._event, self._damage)
-        self._mailboxes: set[_Mailbox] = set()
+        self._mailboxes: set[Mailbox] = set()
         self._task: asyncio.Task[None] | None = None
         self._dialect = self.config.dialect or self.config.dialects[0]  # the one that worked last comes first
         self._switched = False
-        self._clock = DeviceClock()
-        self._continuity = Continuity()
-        self._plausibility = Plausibility()
-        self._doubts: tuple[str, ...] = ()
+        self._intake = Intake(self.config.tick_marks, self.config.stamp_marks)
         self._rate = Rate()
         self._state = LinkState.CLOSED
         self._detail = "not opened yet"
@@ -75,33 +69,31 @@ class TiM571:
         self._latest: Scan | None = None
         self._trouble = ""
         self._warning = ""
-        self._restarted = False
         self._set_up_again_ns = -round(SETUP_AGAIN_S * 1e9)
         self._fresh = False
-        self._connections = 0
-        self._received = self._lost = self._repeated = self._dropped = self._restarts = 0
-        self._damaged = self._implausible = 0
+        self._connections = self._dropped = 0
 
     @property
     def stats(self) -> TimStats:
         """How the link fares, now."""
+        intake = self._intake
         return TimStats(
             state=self._state,
             detail=self._detail,
             identity=self._identity,
-            received=self._received,
-            lost=self._lost,
-            repeated=self._repeated,
-            damaged=self._damaged,
-            implausible=self._implausible,
-            doubts=self._doubts,
+            received=intake.received,
+            lost=intake.lost,
+            repeated=intake.repeated,
+            damaged=intake.damaged,
+            implausible=intake.implausible,
+            doubts=intake.doubts,
             dropped=self._dropped,
             reconnects=max(0, self._connections - 1),
-            restarts=self._restarts,
+            restarts=intake.restarts,
             rate_hz=self._rate.hz if self._state is LinkState.STREAMING else 0.0,
             last_ns=self._latest.arrival_ns if self._latest else None,
             status=self._latest.status if self._latest else DeviceStatus.OK,
-            clock=self._clock.state,
+            clock=intake.clock.state,
             warning=self._warning,
         )
 
@@ -130,7 +122,7 @@ class TiM571:
 
         Raises what `on_telegram` raised, for that ended the link; the lidar's own trouble never does.
         """
-        mailbox = _Mailbox(self.config.queued_scans)
+        mailbox = Mailbox(self.config.queued_scans)
         task = self._task
         if task is None:
             return
@@ -167,7 +159,7 @@ class TiM571:
         while True:
             session = await startup.connect(self._make_transport, self._dialects(), self.config, self._listeners)
             self._session = session
-            self._plausibility = Plausibility()
+            self._intake.connected()
             self._dialect = session.dialect
             self._connections += 1
             try:
@@ -199,14 +191,14 @@ class TiM571:
 
     async def _start(self, session: Session) -> bool:
         """Set the device up until its scans come; False if the connection has to be opened anew for that."""
-        self._restarted = False
+        self._intake.restarted = False
         self._rate.clear()
         self._go(LinkState.IDENTIFYING, f"{session.device} answers in {session.dialect}")
         self._identity = await startup.identify(session, self.config)
         self._go(LinkState.CONFIGURING, f"{session.device} is a {self._identity.type or 'lidar without a name'}")
         if not await self._configure(session, self._identity):
             return False
-        self._continuity.every = max(1, self._identity.output.every if self._identity.output else 1)
+        self._intake.every = max(1, self._identity.output.every if self._identity.output else 1)
         await startup.subscribe(session, self.config)
         self._trouble = ""
         self._go(LinkState.STREAMING, f"{session.device} sends scans in {session.dialect}")
@@ -241,8 +233,8 @@ class TiM571:
     async def _watch(self, session: Session) -> None:
         """Until the device restarts; raises when it falls silent or the connection ends."""
         started_ns = time.monotonic_ns()
-        damaged = self._damaged
-        idle_s = max(self.config.idle_timeout_s, IDLE_PERIODS * self._continuity.every / SCAN_RATE_HZ)
+        damaged = self._intake.damaged
+        idle_s = max(self.config.idle_timeout_s, IDLE_PERIODS * self._intake.every / SCAN_RATE_HZ)
         first_s = max(self.config.first_scan_timeout_s, idle_s)
         woken = ""
         while True:
@@ -251,13 +243,13 @@ class TiM571:
             began = newest_ns > started_ns
             now_ns = time.monotonic_ns()
             silent_s = (now_ns - max(newest_ns, started_ns)) / 1e9
-            if self._restarted and now_ns - self._set_up_again_ns > SETUP_AGAIN_S * 1e9:
+            if self._intake.restarted and now_ns - self._set_up_again_ns > SETUP_AGAIN_S * 1e9:
                 self._set_up_again_ns = now_ns
                 return
             if not began and not woken and silent_s > min(self.config.wake_after_s, first_s / 2):
                 woken = await startup.wake(session, self.config)
             if silent_s > (idle_s if began else first_s):
-                if not began and self._damaged > damaged:
+                if not began and self._intake.damaged > damaged:
                     self._dialect = session.dialect.other  # something comes that isn't in this one
                 raise TimTimeoutError(self._silence(session.device, began, silent_s, woken))
 
@@ -282,51 +274,15 @@ class TiM571:
         self._state, self._detail = state, detail
 
     def _damage(self, _damage: Damage) -> None:
-        self._damaged += 1
+        self._intake.damaged += 1
 
     def _event(self, telegram: Telegram) -> None:
         """A telegram nobody asked for: a scan, or something of no concern."""
-        by_index = telegram.kind == "sSI"  # some TiMs send their scans as an event with a number
-        if not by_index and not scandata.is_scan(telegram):
-            return
-        try:
-            data = scandata.decode(telegram)
-        except TimMalformedError:
-            self._damaged += not by_index
-            return
-        if not has_ranges(data):
-            return  # polled before the first revolution: all zero, counters and ticks included
-        if doubts := self._plausibility.doubts(data):
-            self._damaged += 1
-            self._implausible += 1
-            self._doubts = tuple(sorted(doubts))
-            return
-        arrival_ns = telegram.stamp_ns
-        step = self._continuity.observe(data.scan_counter, data.scan_tick_us, arrival_ns)
-        if step.repeated:
-            self._repeated += 1
-            return
-        if step.restarted:
-            self._restarts += 1
-            self._restarted = True
-            self._clock.reset()
-        self._lost += step.lost
-        tick_ns = self._clock.stamp_ns(arrival_ns, data.scan_tick_us, data.transmit_tick_us)
-        self._publish(
-            scan_of(
-                data,
-                tick_ns,
-                arrival_ns,
-                telegram.frame,
-                locked=self._clock.state.locked,
-                lost=step.lost,
-                tick_marks=self.config.tick_marks,
-                stamp_marks=self.config.stamp_marks,
-            )
-        )
+        scan = self._intake.take(telegram)
+        if scan is not None:
+            self._publish(scan)
 
     def _publish(self, scan: Scan) -> None:
-        self._received += 1
         self._fresh = True
         self._rate.add(scan.arrival_ns)
         self._latest = scan
@@ -338,33 +294,3 @@ class TiM571:
             self._go(LinkState.CLOSED, f"stopped for good by {type(error).__name__}: {error}")
         for mailbox in self._mailboxes:
             mailbox.end()
-
-
-class _Mailbox:
-    """A few scans for one consumer; the oldest makes room for the newest."""
-
-    def __init__(self, size: int) -> None:
-        self._scans: deque[Scan] = deque(maxlen=size)
-        self._news = asyncio.Event()
-        self._ended = False
-
-    def put(self, scan: Scan) -> bool:
-        """Add a scan; True if another had to go for it."""
-        full = len(self._scans) == self._scans.maxlen
-        self._scans.append(scan)
-        self._news.set()
-        return full
-
-    def end(self) -> None:
-        """No more scans will come."""
-        self._ended = True
-        self._news.set()
-
-    async def take(self) -> Scan | None:
-        """The oldest kept scan; None after the end."""
-        while not self._scans:
-            if self._ended:
-                return None
-            self._news.clear()
-            await self._news.wait()
-        return self._scans.popleft()
