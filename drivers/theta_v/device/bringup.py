@@ -89,6 +89,16 @@ async def switch_to_live(transport: UsbTransport, still: StillFunction) -> None:
         log.debug("the camera left before the session was closed: %s", error)
 
 
+async def leave_live(transport: UsbTransport) -> None:
+    """Send a live camera to still mode; it leaves the bus then, its encoder ended. Raises ThetaError."""
+    still = functions(transport).still
+    if still is None:
+        raise ThetaRefused("the camera has no PTP interface to change its mode by; replug it")
+    session = PtpSession(transport, still)
+    await session.open()
+    await session.set(Property.CAPTURE_MODE, CaptureMode.STILL)
+
+
 async def agree(transport: UsbTransport, video: VideoFunction, mode: Mode) -> Agreement:
     """Claim the video interface and negotiate `mode` by the descriptors. Raises ThetaError."""
     found = next(((f, frame) for f in video.formats if (frame := f.frame(mode.width, mode.height)) is not None), None)

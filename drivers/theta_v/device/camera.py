@@ -236,12 +236,24 @@ class ThetaV:
             if step is Step.REOPEN:
                 raise ThetaTimeout("the camera sends no pictures and restarting it did not help; replug it")
             self._restarts += 1
-            await self._open_transport().stop_video()
-            await self._open_transport().set_interface(video.interface, 0)
-            if step is Step.RENEGOTIATE:
-                agreement = await bringup.agree(self._open_transport(), video, config.mode)
-            await self._start(video, agreement)
+            agreement = await self._climb(step, video, agreement)
             ladder.started(time.monotonic_ns())
+
+    async def _climb(self, step: Step, video: VideoFunction, agreement: bringup.Agreement) -> bringup.Agreement:
+        """Take one step of the ladder; returns what is agreed then. Raises ThetaError."""
+        transport = self._open_transport()
+        await transport.stop_video()
+        if step is Step.TOGGLE:
+            await bringup.leave_live(transport)
+            raise ThetaGone("the camera was sent to still mode, to be fetched back")
+        if step is Step.RESET:
+            await transport.reset()
+        else:
+            await transport.set_interface(video.interface, 0)
+        if step is not Step.RESTART:
+            agreement = await bringup.agree(transport, video, self.config.mode)
+        await self._start(video, agreement)
+        return agreement
 
     async def _start(self, video: VideoFunction, agreement: bringup.Agreement) -> None:
         transport, pipe = self._open_transport(), agreement.pipe

@@ -8,10 +8,12 @@ from enum import Enum
 class Step(Enum):
     RESTART = "restarting the stream"
     RENEGOTIATE = "negotiating the stream anew"
+    RESET = "resetting its USB port"
+    TOGGLE = "sending it to still mode and back"
     REOPEN = "opening the camera anew"
 
 
-ORDER = (Step.RESTART, Step.RESTART, Step.RENEGOTIATE, Step.REOPEN)
+ORDER = (Step.RESTART, Step.RESTART, Step.RENEGOTIATE, Step.RESET, Step.TOGGLE, Step.REOPEN)
 
 
 class Ladder:

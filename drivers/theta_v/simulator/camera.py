@@ -17,7 +17,7 @@ from drivers.theta_v.codec import h264
 from drivers.theta_v.codec.ptp import CaptureMode
 from drivers.theta_v.errors import ThetaGone, ThetaNotFound, ThetaStall
 from drivers.theta_v.simulator import descriptors as d
-from drivers.theta_v.simulator.faults import FaultPlan, PowerCycle, Unplug
+from drivers.theta_v.simulator.faults import Cure, FaultPlan, PowerCycle, Unplug
 from drivers.theta_v.simulator.ptp import PtpResponder
 from drivers.theta_v.simulator.video import Burst, Demand, ProtocolStall, VideoStreaming
 
@@ -209,6 +209,7 @@ class SimulatedThetaV:
 
         def back(_: int) -> None:
             self._composition = wanted
+            self.video.cure(Cure.TOGGLE)
             self._attach()
 
         leaves = self.clock() + REPLY_NS

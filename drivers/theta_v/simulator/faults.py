@@ -19,8 +19,10 @@ class Cure(IntEnum):
     """Alternate setting 0 and 1."""
     NEGOTIATE = 2
     """A new commit."""
-    REOPEN = 3
+    RESET = 3
     """A bus reset."""
+    TOGGLE = 4
+    """Another mode, and back."""
 
 
 @dataclass(frozen=True, slots=True)

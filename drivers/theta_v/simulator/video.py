@@ -84,7 +84,7 @@ class VideoStreaming:
 
     def reset(self) -> None:
         """Bus reset: nothing negotiated, alternate setting 0."""
-        self._cure(Cure.REOPEN)
+        self.cure(Cure.RESET)
         self._probe = self._default
         self._committed: Probe | None = None
         self.alternate = 0
@@ -104,7 +104,7 @@ class VideoStreaming:
         self._stop()
         self.alternate = alternate
         if self.demand is not None:
-            self._cure(Cure.RESTART)
+            self.cure(Cure.RESTART)
             self.wants_keyframe = True
 
     @property
@@ -190,7 +190,8 @@ class VideoStreaming:
         self._fid = 0
         self.wants_keyframe = False
 
-    def _cure(self, means: Cure) -> None:
+    def cure(self, means: Cure) -> None:
+        """Something was done that may have brought a stalled encoder back."""
         if self._stalled is not None and means >= self._stalled:
             self._stalled = None
 
@@ -213,4 +214,4 @@ class VideoStreaming:
         if wanted != (self._probe.format_index, self._probe.frame_index, self._probe.interval_100ns):
             raise ProtocolStall(OUT_OF_RANGE, "commit of something that was not negotiated")
         self._committed = self._probe
-        self._cure(Cure.NEGOTIATE)
+        self.cure(Cure.NEGOTIATE)

@@ -78,13 +78,16 @@ class LibUsbTransport(OpenedCamera):
         worker, self._worker = self._worker, None
         if worker is None:
             return
+        closing = asyncio.get_running_loop().run_in_executor(worker, self._shut_down)
+        worker.shutdown(wait=False)
         try:
-            async with asyncio.timeout(CLOSE_S):
-                await asyncio.get_running_loop().run_in_executor(worker, self._shut_down)
-        except TimeoutError:
-            log.warning("the kernel does not give the camera back")
+            # Whoever gives up waiting gets a camera that is let go all the same, or the next opening finds it held.
+            await asyncio.shield(closing)
         finally:
-            worker.shutdown(wait=False)
+            if not closing.done():
+                _, unfinished = await asyncio.wait([closing], timeout=CLOSE_S)
+                if unfinished:
+                    log.warning("the kernel does not give the camera back")
 
     async def control(
         self,

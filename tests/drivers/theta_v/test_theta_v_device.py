@@ -16,7 +16,9 @@ from drivers.theta_v.simulator.attached import AttachedTransport
 from drivers.theta_v.simulator.camera import Composition, SimulatedThetaV
 from drivers.theta_v.simulator.faults import Cure, FaultPlan, PowerCycle, Stall, Unplug
 from drivers.theta_v.simulator.usbip_server import UsbIpServer
+from drivers.theta_v.transport.libusb import LibUsbTransport
 from drivers.theta_v.transport.usbip import UsbIpTransport
+from tests.drivers.theta_v.fake_usb1 import Machine
 from tests.drivers.theta_v.pictures import KEY_INTERVAL, Feeder, stream, until
 
 PICTURES = stream(30, 192, 96)
@@ -36,7 +38,14 @@ async def over_usbip(camera: SimulatedThetaV) -> AsyncIterator[TransportFactory]
         yield lambda: UsbIpTransport(server.host, server.port)
 
 
-fronts = pytest.mark.parametrize("front", [attached, over_usbip])
+@asynccontextmanager
+async def over_libusb(camera: SimulatedThetaV) -> AsyncIterator[TransportFactory]:
+    machine = Machine(camera)
+    yield lambda: LibUsbTransport(open_context=machine.context)
+    assert (machine.offences, machine.contexts) == ([], 0)
+
+
+fronts = pytest.mark.parametrize("front", [attached, over_usbip, over_libusb])
 
 
 async def take(camera: ThetaV, count: int, timeout_s: float = 15.0) -> list[AccessUnit]:
@@ -144,14 +153,16 @@ async def test_joining_in_the_middle_of_a_group_waits_for_its_key_picture(front:
 @fronts
 @pytest.mark.parametrize("cure", list(Cure))
 async def test_a_stalled_stream_is_brought_back_by_the_mildest_means(front: Front, cure: Cure) -> None:
-    simulated = SimulatedThetaV(plan=FaultPlan(events=(Stall(0.1, cure),)))
+    simulated = SimulatedThetaV(plan=FaultPlan(events=(Stall(0.1, cure),)), reenumeration_s=0.1)
     async with front(simulated) as factory:
         with Feeder(simulated, PICTURES):
             async with ThetaV(factory, QUICK) as camera:
                 await until(lambda: camera.stats.restarts > 0)
                 await until(lambda: camera.stats.detail == "" and camera.stats.link is Link.STREAMING)
-                assert camera.stats.restarts == {Cure.RESTART: 1, Cure.NEGOTIATE: 3, Cure.REOPEN: 3}[cure]
-                assert camera.stats.reconnects == (cure is Cure.REOPEN)
+                assert (
+                    camera.stats.restarts == {Cure.RESTART: 1, Cure.NEGOTIATE: 3, Cure.RESET: 4, Cure.TOGGLE: 5}[cure]
+                )
+                assert (camera.stats.reconnects > 0) == (cure is Cure.TOGGLE)
                 assert not any(u.tainted for u in await take(camera, 3))
 
 
@@ -180,6 +191,27 @@ async def test_a_recorder_that_fails_does_not_stop_the_pictures() -> None:
     with Feeder(simulated, PICTURES):
         async with ThetaV(lambda: AttachedTransport(simulated), QUICK, on_access_unit=fail) as camera:
             assert len(await take(camera, 5)) == 5
+
+
+async def test_a_reader_that_stalls_gets_the_newest_pictures_and_the_rest_is_counted() -> None:
+    """150 pictures pass meanwhile, as many as in five seconds of the camera's own rate."""
+    simulated = SimulatedThetaV()
+    recorded: list[AccessUnit] = []
+    with Feeder(simulated, PICTURES):
+        async with ThetaV(lambda: AttachedTransport(simulated), QUICK, on_access_unit=recorded.append) as camera:
+            units = camera.access_units()
+            first = await anext(units)
+            await until(lambda: camera.stats.received >= first.sequence + 150)
+            second = await anext(units)
+            third = await anext(units)
+            newest, dropped = recorded[-1].sequence, camera.stats.dropped
+            assert len(camera._collector._mailboxes[0]._units) <= QUICK.queue_units
+            assert camera.stats.link is Link.STREAMING
+    assert second.keyframe, "what was built upon dropped pictures is dropped as well"
+    assert newest - second.sequence < QUICK.queue_units + KEY_INTERVAL
+    assert third.sequence == second.sequence + 1
+    assert dropped == second.sequence - first.sequence - 1
+    assert [u.sequence for u in recorded] == list(range(1, len(recorded) + 1)), "the recorder misses none"
 
 
 async def test_two_readers_each_get_every_picture() -> None:

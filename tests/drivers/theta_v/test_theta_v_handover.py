@@ -97,11 +97,11 @@ def test_the_ladder_goes_from_restart_to_reopen_and_forgets_when_pictures_come()
     assert ladder.due(2 * S, None) is None
     taken = []
     now = 3 * S
-    for _ in range(4):
+    for _ in range(6):
         taken.append(ladder.due(now, None))
         ladder.started(now)
         assert ladder.due(now + S // 2, None) is None
         now += S
-    assert taken == [Step.RESTART, Step.RESTART, Step.RENEGOTIATE, Step.REOPEN]
+    assert taken == [Step.RESTART, Step.RESTART, Step.RENEGOTIATE, Step.RESET, Step.TOGGLE, Step.REOPEN]
     assert ladder.due(now, now - S // 2) is None
     assert ladder.due(now + S, now - S // 2) is Step.RESTART
