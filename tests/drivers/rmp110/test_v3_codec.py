@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from drivers.rmp110.codec.bytestream import pack_command, unpack_command
 from drivers.rmp110.codec.fault_log import FAULT_LOG_WORDS
 from drivers.rmp110.codec.frames import Frame, word_to_float
+from drivers.rmp110.codec.motion import MotionScale, in_si
 from drivers.rmp110.codec.parameters import ModeRequest, Stored
 from drivers.rmp110.codec.v3.commands import (
     CONFIG_ID,
@@ -45,6 +46,7 @@ from drivers.rmp110.codec.v3.packets import (
 from drivers.rmp110.codec.v3.whitelist import forbidden
 from drivers.rmp110.codec.v3.words import LAYOUT, PARAMETERS, WORDS
 from drivers.rmp110.device.state import NEEDED
+from drivers.rmp110.errors import RmpBadCommand
 
 words = st.integers(0, 0xFFFFFFFF)
 statuses = st.lists(words, min_size=132, max_size=132)
@@ -277,3 +279,26 @@ def test_whatever_passes_is_harmless(can_id: int, data: bytes) -> None:
         assert command != General.RESET_PARAMETERS
         assert command != General.MODE_REQUEST or word in (ModeRequest.STANDBY, ModeRequest.TRACTOR)
         assert command != General.TORQUE_LIMIT or 0 <= word_to_float(word) <= 1
+
+
+limits = st.floats(0.01, 4.5)
+
+
+@given(st.floats(), st.floats(), st.builds(MotionScale, limits, limits, limits, limits, st.floats(0.5, 2)))
+def test_any_velocity_is_refused_or_within_every_limit(v: float, w: float, scale: MotionScale) -> None:
+    if not (math.isfinite(v) and math.isfinite(w)):
+        with pytest.raises(RmpBadCommand):
+            in_si(v, w, scale)
+        return
+    command = in_si(v, w, scale)
+    assert forbidden(motion(command.velocity, command.yaw_rate)) is None
+    assert abs(command.v) <= min(scale.max_v_mps, scale.stored_v_mps)
+    assert abs(command.yaw_rate) <= scale.stored_w_rps
+    assert abs(command.w) <= scale.max_w_rps * (1 + 1e-9)
+    assert command.v * v >= 0
+    assert command.yaw_rate * w >= 0, "counter-clockwise on the wire"
+
+
+def test_standing_still_is_the_documented_zero() -> None:
+    command = in_si(-0.0, -0.0, MotionScale(0.5, 1.0, 0.5, 1.0))
+    assert motion(command.velocity, command.yaw_rate) == ZERO_MOTION
