@@ -13,11 +13,15 @@ from drivers.rmp110.device.rmp110 import STANDBY, TRACTOR, Rmp110
 from drivers.rmp110.device.state import LinkState
 from drivers.rmp110.errors import RmpError
 from drivers.rmp110.transport.can_bus import CanTransport
+from drivers.rmp110.transport.datagram import PORT as V3_PORT
+from drivers.rmp110.transport.datagram import DatagramTransport
+from drivers.rmp110.transport.serial_port import SerialTransport
 from ghal360_robot.hardware.link_stats import link_stats
 from ghal360_robot.messages import STILL, ArmState, BaseMode, BaseState, Pose2, Twist
 
 if TYPE_CHECKING:
     from drivers.rmp110.device.state import State
+    from drivers.rmp110.transport.base import Transport
     from ghal360_robot.board import Board
     from ghal360_robot.config import Rmp110Section, SafetySection
     from ghal360_robot.logbook.recorder import Recorder
@@ -49,19 +53,11 @@ class BaseOutput:
     name = "rmp110"
 
     def __init__(self, config: Rmp110Section, safety: SafetySection, board: Board, recorder: Recorder) -> None:
-        options: dict[str, Any] = {"host": config.host, "port": config.port} if config.host else {}
         self._board = board
         self._recorder = recorder
         self._base = Rmp110(
-            lambda: CanTransport(config.interface, config.channel, **options),
-            Rmp110Config(
-                max_v_mps=safety.v_max,
-                max_w_rps=safety.w_max,
-                track_m=config.track_m,
-                expected={**RMP110_STORED, "max_decel": safety.decel},
-                write_parameters=config.write_parameters,
-                write_feedback_set=config.write_feedback_set,
-            ),
+            lambda: transport(config),
+            driver_config(config, safety),
             recorder.can_frame,
         )
         self._mode_change: asyncio.Task[None] | None = None
@@ -120,6 +116,38 @@ class BaseOutput:
             logger.warning("%s", sentence)
 
 
+def transport(config: Rmp110Section) -> Transport:
+    """The way to the base that the configuration names; a fresh one for every attempt to connect."""
+    if config.protocol == "v3-udp":
+        return DatagramTransport(config.host, config.port or V3_PORT)
+    if config.protocol == "v3-usb":
+        return SerialTransport(config.device)
+    options: dict[str, Any] = {"host": config.host, "port": config.port} if config.host else {}
+    return CanTransport(config.interface, config.channel, **options)
+
+
+def driver_config(config: Rmp110Section, safety: SafetySection) -> Rmp110Config:
+    """What the driver may do, and what it expects to find stored in the base."""
+    return Rmp110Config(
+        max_v_mps=safety.v_max,
+        max_w_rps=safety.w_max,
+        track_m=config.track_m,
+        expected={
+            **RMP110_STORED,
+            "max_accel": config.stored_accel,
+            "max_decel": safety.decel,
+            "max_yaw_accel": config.stored_w_accel,
+            "tire_diameter": config.tire_m,
+            "track_width": config.track_m,
+            "gear_ratio": config.gear_ratio,
+        },
+        write_parameters=config.write_parameters,
+        write_feedback_set=config.write_feedback_set,
+        protocol="can" if config.protocol == "can" else "v3",
+        dialect=config.dialect,
+    )
+
+
 def base_state(state: State) -> BaseState:
     """The driver's state as the robot's message."""
     return BaseState(
@@ -129,4 +157,7 @@ def base_state(state: State) -> BaseState:
         twist=Twist(state.v, state.w),
         battery_percent=state.battery_percent,
         faults=(state.trouble,) if state.trouble else (),
+        temperature_degc=state.temperature_degc,
+        covariance=state.covariance,
+        warnings=state.warnings,
     )

@@ -12,9 +12,12 @@ import pytest
 
 from drivers.rmp110.simulator.model import RmpModel
 from drivers.rmp110.simulator.serve import serve
+from drivers.rmp110.transport.can_bus import CanTransport
+from drivers.rmp110.transport.datagram import DatagramTransport
+from drivers.rmp110.transport.serial_port import SerialTransport
 from ghal360_robot.board import make_board
-from ghal360_robot.config import RobotConfig, with_overrides
-from ghal360_robot.hardware.base import BaseOutput
+from ghal360_robot.config import Rmp110Section, RobotConfig, SafetySection, with_overrides
+from ghal360_robot.hardware.base import BaseOutput, driver_config, transport
 from ghal360_robot.messages import STILL, Applied, ArmState, BaseState, Twist
 
 FORWARD = Applied(Twist(0.3, 0.2), ArmState.ARMED, ())
@@ -83,3 +86,20 @@ async def test_a_released_dead_man_is_zero_at_once_and_keeps_the_mode(after_s: f
     assert wire.moving()
     assert wire.moving(changed_ns) == []
     assert wire.mode_requests(changed_ns) == []
+
+
+def test_the_configured_protocol_picks_the_way_to_the_base() -> None:
+    can = Rmp110Section(interface="virtual", dialect="b3")
+    assert isinstance(transport(can), CanTransport)
+    assert (driver_config(can, SafetySection()).protocol, driver_config(can, SafetySection()).dialect) == ("can", "b3")
+    udp = Rmp110Section(protocol="v3-udp", host="10.66.171.5")
+    assert isinstance(transport(udp), DatagramTransport)
+    assert driver_config(udp, SafetySection()).protocol == "v3"
+    assert isinstance(transport(Rmp110Section(protocol="v3-usb")), SerialTransport)
+
+
+def test_the_base_is_expected_to_have_stored_what_the_configuration_says() -> None:
+    section = Rmp110Section(track_m=0.542391, tire_m=0.48, gear_ratio=24.0, stored_accel=0.7, stored_w_accel=2.0)
+    expected = driver_config(section, SafetySection(decel=0.6)).expected
+    assert (expected["track_width"], expected["tire_diameter"], expected["gear_ratio"]) == (0.542391, 0.48, 24.0)
+    assert (expected["max_accel"], expected["max_decel"], expected["max_yaw_accel"]) == (0.7, 0.6, 2.0)
