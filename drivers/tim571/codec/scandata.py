@@ -157,6 +157,11 @@ def decode(telegram: Telegram) -> ScanData:
 
 def encode(scan: ScanData, dialect: Dialect, kind: str = "sSN", name: str = "LMDscandata") -> Telegram:
     """The scan as a telegram; the inverse of `decode`, byte for byte."""
+    return put_together(scan, encode_samples(scan, dialect), dialect, kind, name)
+
+
+def put_together(scan: ScanData, samples: bytes, dialect: Dialect, kind: str, name: str) -> Telegram:
+    """A telegram of the scan's counters and ticks, and of what `encode_samples` made of the rest in good time."""
     sink = fields.writer(dialect)
     sink.put(
         _HEAD,
@@ -175,6 +180,13 @@ def encode(scan: ScanData, dialect: Dialect, kind: str = "sSN", name: str = "LMD
         scan.measuring_frequency_100hz,
         len(scan.encoders),
     )
+    sink.raw(samples)
+    return Telegram(dialect, kind, name, sink.body())
+
+
+def encode_samples(scan: ScanData, dialect: Dialect) -> bytes:
+    """All that follows the head of a telegram: encoders, channels and blocks."""
+    sink = fields.writer(dialect)
     for encoder in scan.encoders:
         sink.put("IH", *encoder)
     for channels, letter in ((scan.channels16, "H"), (scan.channels8, "B")):
@@ -184,7 +196,7 @@ def encode(scan: ScanData, dialect: Dialect, kind: str = "sSN", name: str = "LMD
             sink.put("ffiHH", row.scale, row.offset, row.start_1e4deg, row.step_1e4deg, len(row.samples))
             sink.samples(row.samples, letter)
     _put_tail(sink, scan)
-    return Telegram(dialect, kind, name, sink.body())
+    return sink.body()
 
 
 def _put_tail(sink: Writer, scan: ScanData) -> None:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from typing import Protocol
 
 from drivers.tim571.codec.telegram import Receiver, Telegram
 from drivers.tim571.simulator.behaviour import Client
-from drivers.tim571.simulator.faults import Line
+from drivers.tim571.simulator.faults import Line, Piece
 
 WAITING_REQUESTS = 64  # a client is expected to wait for each answer; what it sends beyond that is lost
+TIMER_S = 0.002  # what the event loop's timers may be late by
 OUTBOX_FRAMES = 32  # about 2 s of scans: a client slower than that loses scans, not the device its memory
 
 
@@ -34,7 +36,8 @@ class Connection(asyncio.Protocol):
 
     def __init__(self, host: Host, client: Client, line: Line) -> None:
         self.client = client
-        self.outbox: asyncio.Queue[bytes] = asyncio.Queue(OUTBOX_FRAMES)
+        self.outbox: asyncio.Queue[tuple[float, list[Piece]]] = asyncio.Queue(OUTBOX_FRAMES)
+        self._idle = True  # nothing waits before the next frame
         self.peer = "nobody"
         self._requests: asyncio.Queue[Telegram] = asyncio.Queue(WAITING_REQUESTS)
         self._host = host
@@ -73,9 +76,14 @@ class Connection(asyncio.Protocol):
                 self._requests.put_nowait(event)
 
     def send(self, frame: bytes) -> None:
-        """Queue a frame; a client that doesn't read loses it."""
-        if not self.outbox.full():
-            self.outbox.put_nowait(frame)
+        """Send a frame after those before it; a client that doesn't read loses it."""
+        pieces = self._line.strike(frame)
+        if self._idle and self._can_write.is_set() and all(piece.pause_s == 0 for piece in pieces):
+            for piece in pieces:
+                self._write(piece)
+        elif not self.outbox.full():
+            self._idle = False
+            self.outbox.put_nowait((time.monotonic(), pieces))
 
     def abort(self) -> None:
         """Close without ceremony."""
@@ -93,10 +101,22 @@ class Connection(asyncio.Protocol):
 
     async def _send(self) -> None:
         while True:
-            frame = await self.outbox.get()
-            for piece in self._line.strike(frame):
-                if piece.pause_s:
-                    await asyncio.sleep(piece.pause_s)
+            from_s, pieces = await self.outbox.get()
+            for piece in pieces:
+                await _sleep_until(from_s + piece.pause_s)
                 await self._can_write.wait()
-                if not self._line.dead:
-                    self._transport.write(piece.data)
+                self._write(piece)
+                from_s = time.monotonic()
+            self._idle = self.outbox.empty()
+
+    def _write(self, piece: Piece) -> None:
+        if not self._line.dead:
+            self._transport.write(piece.data)
+
+
+async def _sleep_until(then_s: float) -> None:
+    """Exactly: the event loop's timers round up to a whole millisecond, more than the jitter of a real network."""
+    if (seconds := then_s - time.monotonic()) > TIMER_S:
+        await asyncio.sleep(seconds - TIMER_S)
+    while time.monotonic() < then_s:  # noqa: ASYNC110 - there is nothing to wait for but time
+        await asyncio.sleep(0)

@@ -6,7 +6,7 @@ import asyncio
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from random import Random
@@ -27,9 +27,11 @@ from drivers.tim571.simulator.timing import SCAN_CLOCK_LAG_S, DeviceTime, Motor,
 from drivers.tim571.simulator.words import in_words
 
 SCAN_COUNTER_LEAD = 2  # the scan counter runs ahead of the telegram counter by 2 to 5
+LAST_TOUCH_S = 0.0003  # what the head of a telegram takes on a processor that has just woken
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 BEHIND_S = 1.0  # an event loop held up for longer than this loses revolutions, as a real network would
 REMEMBERED_REQUESTS = 256
+REMEMBERED_TURNS = 100
 
 
 class Tim571Simulator:
@@ -76,6 +78,7 @@ class Tim571Simulator:
         self._tasks: list[asyncio.Task[None]] = []
         self._power_on_s = 0.0
         self._turn: Revolution | None = None
+        self._turns: deque[Revolution] = deque(maxlen=REMEMBERED_TURNS)
         self._sent = 0
 
     @property
@@ -87,6 +90,10 @@ class Tim571Simulator:
     def newest(self) -> Revolution | None:
         """The revolution finished last, or None before the first."""
         return self._turn
+
+    def finished(self, scan_counter: int) -> Revolution | None:
+        """The revolution of that number if it is one of the last hundred: what a client's stamp is to be held to."""
+        return next((turn for turn in self._turns if turn.scan_counter == scan_counter), None)
 
     async def __aenter__(self) -> Self:
         self._line.begin()
@@ -163,14 +170,18 @@ class Tim571Simulator:
         """Finish a revolution every period and send it."""
         end_s = time.monotonic() + self._motor.period_s()
         while True:
-            await asyncio.sleep(max(0.0, end_s + transmit_delay_s(self._chance) - time.monotonic()))
+            await _sleep_until(end_s)
+            sent_s = end_s + transmit_delay_s(self._chance)
             if self.behaviour.reboot_wanted:
                 await self.power_cycle()
             now_s = time.monotonic()
             clients = [connection.client for connection in self._connections]
             if self.behaviour.scanning(clients, now_s) and end_s > self._power_on_s:
                 self._turn = self._finish(end_s)
-                self._send_scan(self._turn)
+                self._turns.append(self._turn)
+                prepared = self._prepare(self._turn)
+                await _sleep_until(sent_s)
+                self._send(prepared)
             end_s += self._motor.period_s()
             if now_s - end_s > BEHIND_S:
                 missed = int((now_s - end_s) * self.settings.scan_rate_hz)
@@ -185,22 +196,40 @@ class Tim571Simulator:
         settings = self.settings
         return DeviceTime(self._power_on_s, settings.drift_ppm, settings.tick_at_power_on_us).tick_us(now_s)
 
-    def _send_scan(self, turn: Revolution) -> None:
-        recorded = self._recorded[self._sent % len(self._recorded)] if self._recorded else None
+    def _prepare(self, turn: Revolution) -> _Prepared:
+        """All of a revolution's telegram but its head: that takes milliseconds, and none in a real device."""
         self._sent += 1
-        made: dict[tuple[Dialect, str], bytes] = {}
-        for connection in list(self._connections):
-            client = connection.client
-            for name in client.events:
-                if recorded is not None:
-                    connection.send(recorded.frame)
-                elif turn.scan_counter % self.behaviour.output.every == 0:
-                    key = (client.dialect, name)
-                    if key not in made:
-                        made[key] = self._telegram(turn, client.dialect, "sSN", name).to_wire()
-                    connection.send(made[key])
+        if self._recorded:
+            return _Prepared(None, recorded=self._recorded[(self._sent - 1) % len(self._recorded)].frame)
+        if turn.scan_counter % self.behaviour.output.every:
+            return _Prepared(None)
+        wanted = {connection.client.dialect for connection in self._connections if connection.client.events}
+        scan = self._scan(turn) if wanted else None
+        return _Prepared(scan, {dialect: scandata.encode_samples(scan, dialect) for dialect in wanted if scan})
 
-    def _telegram(self, turn: Revolution, dialect: Dialect, kind: str, name: str) -> Telegram:
+    def _send(self, prepared: _Prepared) -> None:
+        """At the very moment that the transmission tick says."""
+        made: dict[tuple[Dialect, str], bytes] = {}
+        sent_s = time.monotonic() + LAST_TOUCH_S
+        outgoing: list[tuple[Connection, bytes]] = []
+        for connection in list(self._connections):
+            dialect = connection.client.dialect
+            for name in connection.client.events:
+                if prepared.recorded:
+                    outgoing.append((connection, prepared.recorded))
+                elif prepared.scan is not None and dialect in prepared.samples:
+                    if (dialect, name) not in made:
+                        scan = replace(prepared.scan, transmit_tick_us=self._tick_us(sent_s))
+                        telegram = scandata.put_together(scan, prepared.samples[dialect], dialect, "sSN", name)
+                        made[dialect, name] = telegram.to_wire()
+                    outgoing.append((connection, made[dialect, name]))
+        while outgoing and time.monotonic() < sent_s:
+            pass
+        for connection, frame in outgoing:
+            connection.send(frame)
+
+    def _scan(self, turn: Revolution) -> ScanData:
+        """As measured, with the content that the device is set to."""
         behaviour = self.behaviour
         scan = self._scanner.scan(
             turn,
@@ -211,10 +240,7 @@ class Tim571Simulator:
             behaviour.name,
             (1, 0) if behaviour.failed else (0, 0),
         )
-        clock = self._clock(turn) if self.settings.time_block and behaviour.output.time else None
-        # The tick is read last of all: measuring the world takes its time, and none of it in a real device.
-        sent: ScanData = replace(scan, clock=clock, transmit_tick_us=self._tick_us(time.monotonic()))
-        return scandata.encode(sent, dialect, kind, name)
+        return replace(scan, clock=self._clock(turn) if self.settings.time_block and behaviour.output.time else None)
 
     def _clock(self, turn: Revolution) -> Clock:
         """The wall clock of a device that nobody has set: from 1970 at power-on, in whole milliseconds."""
@@ -228,7 +254,8 @@ class Tim571Simulator:
             return Telegram(dialect, "sRA", name, _empty_scan(dialect))
         if self._recorded:
             return replace(self._recorded[(self._sent - 1) % len(self._recorded)], kind="sRA", name=name)
-        return self._telegram(self._turn, dialect, "sRA", name)
+        scan = replace(self._scan(self._turn), transmit_tick_us=self._tick_us(time.monotonic()))
+        return scandata.encode(scan, dialect, "sRA", name)
 
     def joined(self, connection: Connection) -> None:
         """A connection was opened."""
@@ -259,6 +286,19 @@ class Tim571Simulator:
             answer = self.behaviour.answer(request, connection.client, clients, now_s)
         self._news(f"{connection.peer} {in_words(request, answer)}")
         connection.send(answer.to_wire())
+
+
+@dataclass(frozen=True, slots=True)
+class _Prepared:
+    """A telegram that needs its head only, or a recorded one."""
+
+    scan: ScanData | None
+    samples: dict[Dialect, bytes] = field(default_factory=dict)
+    recorded: bytes = b""
+
+
+async def _sleep_until(then_s: float) -> None:
+    await asyncio.sleep(max(0.0, then_s - time.monotonic()))
 
 
 def _empty_scan(dialect: Dialect) -> bytes:
