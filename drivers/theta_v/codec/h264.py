@@ -80,6 +80,10 @@ class Bits:
             raise ThetaMalformed("H.264 header ends too early")
         return self._value >> (self._length - self.at) & ((1 << count) - 1)
 
+    def prefix(self, count: int) -> int:
+        """The first `count` bits, wherever reading has got to."""
+        return self._value >> (self._length - count)
+
     def ue(self) -> int:
         """Unsigned exp-Golomb (9.1)."""
         zeros = 0
@@ -142,7 +146,11 @@ def opens_stream(data: bytes | bytearray | memoryview) -> bool:
 
 def parse_sps(nal: bytes) -> SequenceParameters:
     """Parse a sequence parameter set (7.3.2.1.1), NAL header byte included. Raises ThetaMalformed."""
-    bits = _parameter_bits(nal, SPS)
+    return read_sps(parameter_bits(nal, SPS))[0]
+
+
+def read_sps(bits: Bits) -> tuple[SequenceParameters, int]:
+    """Read an SPS up to its vui_parameters_present_flag; with it, how many reference frames it allows."""
     profile, _constraints, level = bits.u(8), bits.u(8), bits.u(8)
     sps_id = _bounded(bits.ue(), 31)
     chroma, separate = 1, False
@@ -166,7 +174,7 @@ def parse_sps(nal: bytes) -> SequenceParameters:
         bits.se()
         for _ in range(_bounded(bits.ue(), 255)):
             bits.se()
-    _bounded(bits.ue(), 16)
+    references = _bounded(bits.ue(), 16)
     gaps_allowed = bool(bits.u(1))
     columns = _bounded(bits.ue(), MAX_SIDE // 16) + 1
     rows = _bounded(bits.ue(), MAX_SIDE // 16) + 1
@@ -183,12 +191,13 @@ def parse_sps(nal: bytes) -> SequenceParameters:
         height -= unit_y * (top + bottom)
     if not (0 < width <= MAX_SIDE and 0 < height <= MAX_SIDE):
         raise ThetaMalformed(f"H.264 picture of {width}x{height}")
-    return SequenceParameters(sps_id, profile, level, width, height, log2_max_frame_num, gaps_allowed, separate)
+    sps = SequenceParameters(sps_id, profile, level, width, height, log2_max_frame_num, gaps_allowed, separate)
+    return sps, references
 
 
 def parse_pps(nal: bytes) -> PictureParameters:
     """Parse the two ids of a picture parameter set (7.3.2.2). Raises ThetaMalformed."""
-    bits = _parameter_bits(nal, PPS)
+    bits = parameter_bits(nal, PPS)
     return PictureParameters(_bounded(bits.ue(), 255), _bounded(bits.ue(), 31))
 
 
@@ -210,7 +219,8 @@ def frame_num(nal: bytes, start: SliceStart, sps: SequenceParameters) -> int:
     return bits.u(sps.log2_max_frame_num)
 
 
-def _parameter_bits(nal: bytes, kind: int) -> Bits:
+def parameter_bits(nal: bytes, kind: int) -> Bits:
+    """The bits of a parameter set, behind its NAL header. Raises ThetaMalformed when it is of another kind."""
     if not nal or len(nal) > MAX_PARAMETER_SET_BYTES or nal[0] & 0x1F != kind:
         raise ThetaMalformed("not an H.264 parameter set of the expected kind and size")
     bits = Bits(nal)
