@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from functools import cache
+
 import pytest
 
 from ghal360_robot.assembly import make_safety
@@ -12,25 +14,27 @@ from ghal360_robot.simulation.drive_judge import Fault
 from ghal360_robot.simulation.drives import Outcome, drive_of, run
 from ghal360_robot.simulation.random_driver import STYLES
 
-SECONDS = 15.0
-NUMBERS = (1, 7, 13, 23, 39, 40, 59, 62, 69, 89)
+SECONDS = 12.0
+NUMBERS = (1, 7, 23, 39, 40, 59, 69, 89)
 """Each of these ran into somebody, the first into a wall, when the chain looked neither behind nor at who moves."""
 
 
-@pytest.fixture(scope="module")
-def outcomes() -> list[Outcome]:
-    return [run(drive_of(number, SECONDS), RobotConfig()) for number in NUMBERS]
+@cache
+def outcome_of(number: int) -> Outcome:
+    return run(drive_of(number, SECONDS), RobotConfig())
 
 
 @pytest.mark.xfail(reason="the stop zone does not look behind or at how people move", strict=False)
-def test_random_drives_hurt_nobody_and_never_get_stuck(outcomes: list[Outcome]) -> None:
-    for outcome in outcomes:
-        assert outcome.count(Fault.OWN_MOTION) == 0, outcome
-        assert outcome.stuck == (), outcome
+@pytest.mark.parametrize("number", NUMBERS)
+def test_a_random_drive_hurts_nobody_and_never_gets_stuck(number: int) -> None:
+    outcome = outcome_of(number)
+    assert outcome.count(Fault.OWN_MOTION) == 0, outcome
+    assert outcome.stuck == (), outcome
 
 
-def test_random_drives_go_somewhere(outcomes: list[Outcome]) -> None:
-    assert sum(outcome.distance_m for outcome in outcomes) > 12.0
+def test_random_drives_go_somewhere() -> None:
+    outcomes = [outcome_of(number) for number in NUMBERS]
+    assert sum(outcome.distance_m for outcome in outcomes) > 0.5 * len(NUMBERS)
     assert sum(outcome.moved_s for outcome in outcomes) > 0.4 * sum(outcome.asked_s for outcome in outcomes)
     assert all(outcome.asked_s > 0.6 * SECONDS for outcome in outcomes)
     assert max(outcome.odometry_off_m for outcome in outcomes) < 0.05
