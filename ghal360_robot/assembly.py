@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from calibration.mounting import CameraMount, LidarMount
@@ -14,11 +15,13 @@ from ghal360_robot.intent.steering import SteeringSettings
 from ghal360_robot.intent.trigger import TriggerSettings
 from ghal360_robot.perception.wedges import SceneSettings
 from ghal360_robot.safety.chain import Safety
+from ghal360_robot.safety.derating import BATTERY, LATENCY, RULES, TEMPERATURE, Rule
+from ghal360_robot.safety.footprint import Disc
 from ghal360_robot.safety.limits import SafetyLimits
 from ghal360_robot.safety.mux import AUTONOMY, TELEOP, TEST, LockRule, Source
 
 if TYPE_CHECKING:
-    from ghal360_robot.config import RobotConfig
+    from ghal360_robot.config import RobotConfig, SafetySection
 
 COMFORT_M = 0.12
 """Kept beside the footprint where there is room."""
@@ -50,10 +53,19 @@ def safety_limits(config: RobotConfig) -> SafetyLimits:
         decel=s.decel,
         w_accel=s.w_accel,
         reverse_max=s.reverse_max,
-        footprint_radius_m=s.footprint_radius_m,
+        wheel_max=s.wheel_max,
+        track_m=config.rmp110.track_m,
+        footprint=tuple(Disc(*disc) for disc in s.footprint),
         margin_m=s.margin_m,
         standoff_m=s.standoff_m,
+        slow_margin_m=s.slow_margin_m,
+        slow_max=s.slow_max,
+        person_margin_m=s.person_margin_m,
+        person_speed=s.person_speed,
+        person_memory_s=s.person_memory_s,
+        ground_memory_s=s.ground_memory_s,
         reaction_s=s.reaction_s,
+        tick_gap_s=s.tick_gap_s,
         lease_s=s.lease_s,
         sources=(
             Source(TELEOP, 100, s.operator_hold_s, s.operator_lost_s),
@@ -61,6 +73,7 @@ def safety_limits(config: RobotConfig) -> SafetyLimits:
             Source(AUTONOMY, 10, s.command_hold_s, s.command_lost_s),
         ),
         locks=tuple(LockRule(name, priority, s.lock_hold_s) for name, priority in s.locks.items()),
+        deratings=tuple(_rule(rule, s) for rule in RULES),
         hold_s=(
             ("operator", s.operator_hold_s),
             ("tim571", s.lidar_hold_s),
@@ -76,6 +89,16 @@ def safety_limits(config: RobotConfig) -> SafetyLimits:
     )
 
 
+def _rule(rule: Rule, safety: SafetySection) -> Rule:
+    """The table's row with this robot's thresholds, where it has some of its own."""
+    thresholds = {
+        LATENCY: safety.latency_s,
+        BATTERY: safety.battery_percent,
+        TEMPERATURE: safety.temperature_degc,
+    }.get(rule.name)
+    return rule if thresholds is None else replace(rule, warn=thresholds[0], derate=thresholds[1], stop=thresholds[2])
+
+
 def make_safety(config: RobotConfig) -> Safety:
     return Safety(safety_limits(config))
 
@@ -83,7 +106,8 @@ def make_safety(config: RobotConfig) -> Safety:
 def make_brain(config: RobotConfig) -> Brain:
     safety = config.safety
     tight = safety.margin_m + TIGHT_M
-    steering = SteeringSettings(radius_m=safety.footprint_radius_m, margins_m=(max(COMFORT_M, tight), tight))
+    outline_m = max(math.hypot(x, y) + radius for x, y, radius in safety.footprint)
+    steering = SteeringSettings(radius_m=outline_m, margins_m=(max(COMFORT_M, tight), tight))
     threshold = config.intent.threshold
     trigger = TriggerSettings(threshold, RELEASE if threshold >= RELEASE else None, STEADY_S)
     return Brain(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+import time
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ from calibration.mounting import LidarMount
 from ghal360_robot.assembly import lidar_mount
 from ghal360_robot.freshness import RateWatch
 from ghal360_robot.messages import Inputs, Stops
+from ghal360_robot.safety.mux import FUTURE_NS
 from ghal360_robot.surroundings import look_around
 
 if TYPE_CHECKING:
@@ -65,6 +67,8 @@ class Board:
     """Messages of operators that made no sense."""
     valid: dict[str, bool] = field(default_factory=lambda: dict.fromkeys(INPUTS, True))
     _bystanders: dict[str, OperatorInput] = field(default_factory=dict)
+    _snapped: OperatorInput | None = None
+    """The operator's message that a tick saw last."""
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def put_base(self, state: BaseState) -> None:
@@ -89,20 +93,22 @@ class Board:
     def put_operator(self, message: OperatorInput) -> None:
         """Take a message in, unless it makes no sense: it comes from outside and steers the robot.
 
-        Who does not hold the lease is a bystander, of whose messages only the stops count. A message
-        that was overtaken by a newer one of the same holder is refused.
+        Who does not hold the lease is a bystander. A message that was overtaken by a newer one of the same
+        holder, or is stamped later than now, is refused. Stops count in all of them.
         """
-        if not is_sane(message):
+        if not (_counts_are_sane(message) and _holder_is_sane(message)):
             self.refused += 1
-            if _counts_are_sane(message) and _holder_is_sane(message):
-                self._watch_bystander(message)  # whatever else is wrong with it, a stop is a stop
-        elif message.holder != self.driver:
-            self._watch_bystander(message)
-        elif self.operator is not None and _overtaken(message, self.operator):
-            self.refused += 1
-        else:
+            return
+        newest = self.operator
+        from_driver = message.holder == self.driver
+        overtaken = newest is not None and message.holder == newest.holder and message.stamp_ns < newest.stamp_ns
+        if is_sane(message) and from_driver and not overtaken and not _is_from_the_future(message):
+            self._keep_stops(message)
             self.operator = message
             self._arrived("operator", message.stamp_ns)
+            return
+        self.refused += from_driver or not is_sane(message)
+        self._watch_bystander(message)
 
     @property
     def driver(self) -> str:
@@ -140,13 +146,14 @@ class Board:
         with self._lock:
             freshness = {name: self.watches[name].at(now_ns, valid=self.valid[name]) for name in INPUTS}
             scan, around = self.scan, self.surroundings
+        self._snapped = self.operator
         return Inputs(
             now_ns,
             tick,
             self.base,
             scan,
             self.detections,
-            self.operator,
+            self._snapped,
             freshness,
             armed,
             tuple(self.commands.values()),
@@ -155,6 +162,17 @@ class Board:
             self.stops,
             around,
         )
+
+    def _keep_stops(self, following: OperatorInput) -> None:
+        """A stop in a message that is replaced before any tick saw it, by one that does not repeat it."""
+        unseen, seen = self.operator, self._snapped
+        if unseen is None or unseen is seen or (seen is not None and unseen.holder != seen.holder):
+            return
+        disarm, estop = (0, 0) if seen is None else (seen.disarm_presses, seen.estop_presses)
+        if unseen.disarm_presses > max(disarm, following.disarm_presses):
+            self.stop()
+        if unseen.estop_presses > max(estop, following.estop_presses):
+            self.estop()
 
     def _watch_bystander(self, message: OperatorInput) -> None:
         """Stops of somebody who does not drive; a first message with stops in it counts, as any stop does."""
@@ -197,8 +215,9 @@ def _holder_is_sane(message: OperatorInput) -> bool:
     return isinstance(message.holder, str) and len(message.holder) <= MAX_NAME
 
 
-def _overtaken(message: OperatorInput, newest: OperatorInput) -> bool:
-    return message.holder == newest.holder and message.stamp_ns < newest.stamp_ns
+def _is_from_the_future(message: OperatorInput) -> bool:
+    """Such a message would be a sign of life until its time has come."""
+    return message.stamp_ns > time.monotonic_ns() + FUTURE_NS
 
 
 def make_board(config: RobotConfig, operator_hz: float) -> Board:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -46,18 +47,29 @@ class Tim571Section(_Section):
 
 
 class Rmp110Section(_Section):
+    protocol: Literal["can", "v3-udp", "v3-usb"] = Field(
+        "can", description="v3 only for a base known to have that firmware: it is said to ruin an older one"
+    )
     interface: str = Field("socketcan", description="python-can interface")
     channel: str = Field("can0", description="Channel of that interface")
-    host: str = Field("", description="Host of a socketcand server; only with interface = socketcand")
-    port: int = Field(0, ge=0, le=65535, description="Port of that server")
+    dialect: Literal["auto", "b1", "b2", "b3"] = Field("auto", description="On CAN; auto tells b2 from b3")
+    host: str = Field("", description="Of a socketcand server, or of the base with protocol = v3-udp")
+    port: int = Field(0, ge=0, le=65535, description="Port of that host; 0 with v3-udp means 8080")
+    device: str = Field("/dev/ttyACM0", description="The base's serial device, with protocol = v3-usb")
 
     @model_validator(mode="after")
     def _reachable(self) -> Rmp110Section:
-        if self.interface == "socketcand" and not (self.host and self.port):
+        if self.protocol == "can" and self.interface == "socketcand" and not (self.host and self.port):
             raise ValueError("interface = socketcand needs host and port of its server")
+        if self.protocol == "v3-udp" and not self.host:
+            raise ValueError("protocol = v3-udp needs the base's address in host")
         return self
 
     track_m: float = Field(0.481224, gt=0.2, lt=1.5, description="Distance between the driven wheels")
+    tire_m: float = Field(0.46228, ge=0.1524, le=1.0, description="Rolling diameter of the tires, as stored")
+    gear_ratio: float = Field(24.2667, ge=1, le=200, description="As stored")
+    stored_accel: float = Field(0.5, gt=0, le=7.848, description="m/s^2 that the base has stored")
+    stored_w_accel: float = Field(1.5, gt=0, le=28.274, description="rad/s^2 that the base has stored")
     write_parameters: bool = Field(False, description="Write stored parameters that differ; without, refuse to move")
     write_feedback_set: bool = Field(True, description="Write the compact feedback set if another one is stored")
 
@@ -97,8 +109,22 @@ class IntentSection(_Section):
     cue_patience_s: Seconds = Field(4.0, description="A gaze held so long against a left/right cue overrules it")
 
 
+Thresholds = tuple[
+    Annotated[float, Field(ge=0, le=200, allow_inf_nan=False)],
+    Annotated[float, Field(ge=0, le=200, allow_inf_nan=False)],
+    Annotated[float, Field(ge=0, le=200, allow_inf_nan=False)],
+]
+"""From which value on to warn, to slow down, and to stop."""
+
 MAX_HOLD_S = {"operator": 0.25, "lidar": 0.5, "base": 0.5, "video": 1.0, "command": 1.0}
 """Longest silence before the base stands still: 0.3 s from the operator's last sign of life to the wire."""
+
+FootprintDisc = tuple[
+    Annotated[float, Field(ge=-1, le=1, allow_inf_nan=False)],
+    Annotated[float, Field(ge=-1, le=1, allow_inf_nan=False)],
+    Annotated[float, Field(gt=0.05, le=1, allow_inf_nan=False)],
+]
+"""x, y and radius of a part of the robot's outline, base frame."""
 
 MAX_STOPPING_M = 4.0
 """What a TiM571 surely sees of a dark wall (10 % remission: 8 m), halved."""
@@ -111,9 +137,18 @@ class SafetySection(_Section):
     decel: float = Field(0.5, gt=0, le=3.0, description="m/s^2, the base's own deceleration; zones are sized by it")
     w_accel: float = Field(1.5, gt=0, le=6.0, description="rad/s^2")
     reverse_max: float = Field(0.15, ge=0, le=0.5, description="m/s backwards: the lidar is blind there")
-    footprint_radius_m: float = Field(0.40, gt=0.2, le=1.0)
+    wheel_max: float = Field(0.7, gt=0, le=3.0, description="m/s of the faster wheel")
+    footprint: tuple[FootprintDisc, ...] = Field(
+        ((0.0, 0.0, 0.40),), min_length=1, max_length=8, description="The robot's outline as discs: x, y, radius"
+    )
     margin_m: float = Field(0.04, ge=0.0, le=1.0, description="Kept beside the footprint: three sigma of a scan")
     standoff_m: float = Field(0.10, ge=0.0, le=1.0, description="Kept in front when stopped by an obstacle")
+    slow_margin_m: float = Field(0.12, ge=0.0, le=1.0, description="Things closer beside the way are passed slowly")
+    slow_max: float = Field(0.3, gt=0, le=1.5, description="m/s past such things")
+    person_margin_m: float = Field(0.25, ge=0.0, le=1.0, description="A body reaches this far beyond its legs")
+    person_speed: float = Field(1.2, ge=0.0, le=2.0, description="m/s at which people may walk up to the robot")
+    person_memory_s: Seconds = Field(10.0, description="Who moved so lately may walk on at any time")
+    ground_memory_s: Seconds = Field(5.0, description="Ground seen or driven over so lately may be backed onto")
     reaction_s: float = Field(0.25, gt=0, le=2.0, description="Scan, one missed scan, processing, bus, base")
     operator_hold_s: Seconds = Field(0.2, description="Operator silent this long: zero on the wire")
     operator_lost_s: Seconds = Field(1.0, description="Operator silent this long: disarmed")
@@ -130,6 +165,10 @@ class SafetySection(_Section):
         {}, max_length=8, description="Locks that have to be published, each with the priority it holds back"
     )
     lock_hold_s: Seconds = Field(0.5, description="A lock whose publisher is silent this long holds")
+    tick_gap_s: float = Field(0.2, ge=0.05, le=1.0, description="A control loop that stood still this long: disarmed")
+    latency_s: Thresholds = Field((0.3, 0.5, 0.8), description="Operator's round trip: warn, half speed, stop")
+    battery_percent: Thresholds = Field((25.0, 15.0, 8.0), description="Warn, half speed, disarm")
+    temperature_degc: Thresholds = Field((50.0, 55.0, 60.0), description="Hottest battery: warn, half speed, disarm")
 
     @model_validator(mode="after")
     def _coherent(self) -> SafetySection:
@@ -140,6 +179,15 @@ class SafetySection(_Section):
                 raise ValueError(f"{name}_hold_s is {hold_s:g} s: longer than {longest_s:g} s is no hold")
             if lost_s < hold_s:
                 raise ValueError(f"{name}_lost_s ({lost_s:g} s) is shorter than {name}_hold_s ({hold_s:g} s)")
+        for name, worse in (("latency_s", 1), ("battery_percent", -1), ("temperature_degc", 1)):
+            warn, derate, stop = (worse * value for value in getattr(self, name))
+            if not warn <= derate <= stop or warn == stop:
+                order = "rise" if worse > 0 else "fall"
+                raise ValueError(f"{name} has to {order} from warning over slowing down to stopping")
+        if not any(radius - math.hypot(x, y) > 0.1 for x, y, radius in self.footprint):
+            raise ValueError("no disc of the footprint covers the base's origin, around which it turns")
+        if self.slow_margin_m < self.margin_m:
+            raise ValueError("slow_margin_m is smaller than margin_m: nothing would be passed slowly")
         stopping_m = self.v_max * self.reaction_s + self.v_max**2 / (2.0 * self.decel)
         if stopping_m > MAX_STOPPING_M:
             raise ValueError(

@@ -106,7 +106,7 @@ class Surroundings:
 
     `points` (m, 2) are its usable returns in the base frame, metres; `beam` (m,) the beam of each.
     `bearings` (n,) are all beams' directions in the base frame, radians in [-pi, pi); `ranges` (n,) their
-    smoothed ranges from the lidar, metres, NaN where nothing usable came back.
+    smoothed ranges from the lidar and `raw` (n,) those measured, metres, NaN where nothing usable came back.
     """
 
     stamp_ns: int
@@ -114,6 +114,9 @@ class Surroundings:
     beam: NDArray[np.intp]
     bearings: NDArray[np.float64]
     ranges: NDArray[np.float32]
+    raw: NDArray[np.float32]
+    origin: tuple[float, float] = (0.0, 0.0)
+    """The lidar's place in the base frame, metres."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,4 +21,4 @@ def look_around(scan: LidarScan, mount: LidarMount) -> Surroundings:
     beam = np.flatnonzero(np.isfinite(ranges))
     distance, bearing = ranges[beam].astype(np.float64), bearings[beam]
     points = np.column_stack((mount.x + distance * np.cos(bearing), mount.y + distance * np.sin(bearing)))
-    return Surroundings(scan.stamp_ns, points, beam, bearings, ranges)
+    return Surroundings(scan.stamp_ns, points, beam, bearings, ranges, scan.ranges, (mount.x, mount.y))

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import replace
 
 import pytest
@@ -116,3 +117,31 @@ def test_a_snapshot_has_the_newest_of_everything_and_the_scan_as_the_base_sees_i
     board.withdraw("test")
     board.withdraw("test")
     assert board.snapshot(6, 1, armed=True).commands == ()
+
+
+@pytest.mark.parametrize("shift_ns", [-1, 10_000_000_000])
+def test_a_stop_counts_in_a_message_that_is_refused_as_overtaken_or_from_the_future(shift_ns: int) -> None:
+    board = make_board(RobotConfig(), 20.0)
+    now_ns = time.monotonic_ns()
+    board.put_operator(replace(GOOD, stamp_ns=now_ns))
+    board.put_operator(replace(GOOD, stamp_ns=now_ns + shift_ns, estop_presses=1, disarm_presses=1))
+    assert board.refused == 1
+    assert board.stops == Stops(disarm=1, estop=1)
+    assert board.operator is not None
+    assert board.operator.stamp_ns == now_ns
+
+
+def test_a_stop_counts_where_another_message_replaces_it_before_the_tick() -> None:
+    board = make_board(RobotConfig(), 20.0)
+    board.put_operator(replace(GOOD, disarm_presses=1))
+    board.snapshot(6, 0, armed=False)
+    board.put_operator(replace(GOOD, disarm_presses=1, estop_presses=1))
+    board.put_operator(replace(GOOD, disarm_presses=1, estop_presses=1))
+    board.put_operator(GOOD)
+    assert board.stops == Stops(estop=1)
+    board.snapshot(7, 1, armed=False)
+    board.put_operator(replace(GOOD, disarm_presses=1))
+    board.put_operator(replace(GOOD, disarm_presses=2))
+    assert board.stops == Stops(estop=1)
+    board.put_operator(GOOD)
+    assert board.stops == Stops(disarm=1, estop=1)

@@ -64,7 +64,7 @@ def feed(loop: ControlLoop, presses: int) -> None:
     now = time.monotonic_ns()
     board = loop.board
     board.put_base(BaseState(now, BaseMode.DRIVE, Pose2(), Twist(), 90.0))
-    board.put_scan(scan(), now)
+    board.put_scan(scan(stamp_ns=now), now)
     board.put_picture(now)
     board.put_operator(OperatorInput(now, HeadPose(), deadman=True, stick=Twist(0.3, 0.0), arm_presses=presses))
 

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 DRIVE_TIMEOUT_NS = 2_000_000_000
 """The base changes mode within 50 ms (2017 logs); after two seconds it will not."""
 
+SETTLE_NS = 1_000_000_000
+"""Counts that fell and rise again within this are two senders that take turns, and no press of either."""
+
 
 @dataclass(frozen=True, slots=True)
 class Arming:
@@ -31,12 +34,16 @@ class Arming:
     """Who sent the counts."""
     stops_seen: Stops = Stops()
     since_ns: int = 0
+    drove: bool = False
+    """The base has been in drive mode since the press."""
+    fell_ns: int | None = None
+    """When counts fell last."""
 
 
 def step(arming: Arming, inputs: Inputs, stale: Staleness, losses: tuple[str, ...]) -> Arming:
     """One tick of the gate. `losses` are in words what takes the right to move away, besides what is stale."""
     now_ns, base = inputs.stamp_ns, inputs.base
-    arming, pressed, replaced = _presses(arming, inputs.operator, silent="operator" in stale.silent)
+    arming, pressed, replaced = _presses(arming, inputs.operator, now_ns, silent="operator" in stale.silent)
     arming, elsewhere = _stops(arming, inputs.stops)
     pressed |= elsewhere
     if "estop" in pressed:
@@ -49,12 +56,15 @@ def step(arming: Arming, inputs: Inputs, stale: Staleness, losses: tuple[str, ..
         why = "another operator took over" if replaced else _why_disarm(arming, now_ns, base, stale.lost + losses)
         if "disarm" in pressed:
             why = "disarmed by somebody else" if "disarm" in elsewhere else "disarmed by the operator"
-        return replace(arming, state=ArmState.DISARMED, reason=why) if why else arming
+        if why:
+            return replace(arming, state=ArmState.DISARMED, reason=why)
+        drives = base is not None and base.mode is BaseMode.DRIVE
+        return replace(arming, drove=True) if drives and not arming.drove else arming
     if "arm" in pressed and "disarm" not in pressed:
         blockers = why_not_ready(base, stale, losses)
         if blockers:
             return replace(arming, reason="cannot arm: " + ", ".join(blockers))
-        return replace(arming, state=ArmState.ARMED, reason="", since_ns=now_ns)
+        return replace(arming, state=ArmState.ARMED, reason="", since_ns=now_ns, drove=False)
     return arming
 
 
@@ -73,13 +83,15 @@ def _why_disarm(arming: Arming, now_ns: int, base: BaseState | None, losses: tup
         return ", ".join(losses)
     if base is not None and base.faults:
         return "base fault: " + ", ".join(base.faults)
-    late = now_ns - arming.since_ns > DRIVE_TIMEOUT_NS
-    if base is not None and late and base.mode is not BaseMode.DRIVE:
+    due = arming.drove or now_ns - arming.since_ns > DRIVE_TIMEOUT_NS
+    if base is not None and due and base.mode is not BaseMode.DRIVE:
         return f"base left the drive mode ({base.mode.value})"
     return ""
 
 
-def _presses(arming: Arming, operator: OperatorInput | None, *, silent: bool) -> tuple[Arming, frozenset[str], bool]:
+def _presses(
+    arming: Arming, operator: OperatorInput | None, now_ns: int, *, silent: bool
+) -> tuple[Arming, frozenset[str], bool]:
     """Edges since the last tick, and whether somebody else sits at the controls.
 
     Another holder, or counts that fall, belong to a new operator. Their first message, and the first after a
@@ -89,22 +101,36 @@ def _presses(arming: Arming, operator: OperatorInput | None, *, silent: bool) ->
         return arming, frozenset(), False
     counts = (operator.arm_presses, operator.disarm_presses, operator.estop_presses)
     seen = (arming.arm_seen or 0, arming.disarm_seen, arming.estop_seen)
-    another = operator.holder != arming.holder or any(now < before for now, before in zip(counts, seen, strict=True))
+    fell = any(now < before for now, before in zip(counts, seen, strict=True))
+    another = fell or operator.holder != arming.holder
     replaced = another and arming.arm_seen is not None
-    new_start = silent or another or arming.arm_seen is None
+    fell_ns = now_ns if fell else arming.fell_ns
+    unsettled = fell_ns is not None and now_ns - fell_ns < SETTLE_NS
+    new_start = silent or another or arming.arm_seen is None or unsettled
     old = (0, 0, 0) if another else seen
     names = ("arm", "disarm", "estop")
     pressed = {name for name, now, before in zip(names, counts, old, strict=True) if now > before}
     if new_start:
         pressed.discard("arm")
     arm_seen = None if silent else counts[0]
-    updated = replace(arming, arm_seen=arm_seen, disarm_seen=counts[1], estop_seen=counts[2], holder=operator.holder)
+    if (arm_seen, counts[1], counts[2]) == (arming.arm_seen, *seen[1:]) and not another:
+        return arming, frozenset(pressed), replaced
+    updated = replace(
+        arming,
+        arm_seen=arm_seen,
+        disarm_seen=counts[1],
+        estop_seen=counts[2],
+        holder=operator.holder,
+        fell_ns=fell_ns,
+    )
     return updated, frozenset(pressed), replaced
 
 
 def _stops(arming: Arming, stops: Stops) -> tuple[Arming, frozenset[str]]:
     """Stops of anybody else since the last tick; counts that fell have begun anew at zero."""
     seen = arming.stops_seen
+    if stops == seen:
+        return arming, frozenset()
     counts = (("disarm", stops.disarm, seen.disarm), ("estop", stops.estop, seen.estop))
     pressed = {name for name, now, before in counts if now > before or 0 < now < before}
     return replace(arming, stops_seen=stops), frozenset(pressed)

@@ -1,4 +1,10 @@
-"""The whole chain of one tick, in order: gate, envelope, ramp, stop zone. Every stage says why it acted.
+"""The whole chain of one tick, from what is asked for to what the base is told. Every stage says why it acted.
+
+State comes first: everything that takes the right to move away (silence, lease, latches, a tick that came late) is
+settled before any command is looked at, because nothing after it could bring a zero back to life. Then the command
+goes through its stages: source mux, gate, envelope, derating, collision monitor, acceleration limiter. What the limiter
+made of it is checked by the monitor again whenever it is not what was checked: exactly what goes out has been held
+against the scan, and an obstacle is not approached at a ramp's pace.
 
 A stop (loss, disarm, released dead man) is not ramped here: zero goes to the wire at once and the base
 slows down by its own limit, so a stop needs nothing further from this computer.
@@ -6,21 +12,26 @@ slows down by its own limit, so a stop needs nothing further from this computer.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ghal360_robot.messages import STILL, Applied, ArmState, BaseMode, Twist
 from ghal360_robot.safety import arming as gate
-from ghal360_robot.safety import mux
+from ghal360_robot.safety import collision, derating, mux
 from ghal360_robot.safety.arming import Arming
+from ghal360_robot.safety.collision import Monitor
+from ghal360_robot.safety.derating import Derating
 from ghal360_robot.safety.lease import denied
+from ghal360_robot.safety.limiter import ramp, start
 from ghal360_robot.safety.limits import SafetyLimits, clamp
-from ghal360_robot.safety.ramp import ramp
+from ghal360_robot.safety.memory import Memory, here, remember
 from ghal360_robot.safety.staleness import Staleness, judge
-from ghal360_robot.safety.stop_zone import blind_ahead, limit
+from ghal360_robot.safety.watchdog import gap
 
 if TYPE_CHECKING:
-    from ghal360_robot.messages import Inputs, Surroundings
+    from ghal360_robot.messages import Inputs
+    from ghal360_robot.safety.derating import Reading
 
 MAX_DT_S = 0.1
 """A late tick must not buy a bigger step of the ramp."""
@@ -32,6 +43,12 @@ class SafetyState:
 
     arming: Arming = Arming()
     last: Twist = STILL
+    source: str = ""
+    """Whose command `last` was; empty after a hold."""
+    stopped: float = 0.0
+    """The direction in which the collision monitor stopped the robot: +1 forwards, -1 backwards, 0 for none."""
+    derating: Derating = Derating()
+    memory: Memory = Memory()
     stamp_ns: int | None = None
 
 
@@ -42,51 +59,55 @@ class Safety:
     limits: SafetyLimits = SafetyLimits()
 
     def step(self, state: SafetyState, inputs: Inputs, wanted: Twist) -> tuple[SafetyState, Applied]:
-        now = inputs.stamp_ns
-        stale = judge(inputs.freshness, self.limits)
-        arming = gate.step(state.arming, inputs, stale, self._losses(inputs))
-        dt_s = 0.0 if state.stamp_ns is None else min((now - state.stamp_ns) / 1e9, MAX_DT_S)
-        held = self._held(arming, inputs, stale)
+        """One tick: `wanted` is what the brain wants, all other wishes are among the inputs."""
+        limits, now = self.limits, inputs.stamp_ns
+        stale = judge(inputs, limits)
+        levels, readings = derating.step(state.derating, inputs, limits.deratings)
+        arming = gate.step(state.arming, inputs, stale, self._losses(state, inputs, readings))
+        memory = remember(state.memory, inputs, limits)
+        taken = mux.take(mux.asked(inputs, wanted), inputs.locks, now, limits.sources, limits.locks)
+        held = _held(arming, inputs, stale, readings) or taken.held or collision.faults(memory, inputs)
         if held:
-            applied = Applied(STILL, arming.state, held)
-            return SafetyState(arming, STILL, now), applied
-        taken = mux.take(mux.asked(inputs, wanted), inputs.locks, now, self.limits.sources, self.limits.locks)
-        if taken.held:
-            return SafetyState(arming, STILL, now), Applied(STILL, arming.state, taken.held, source=taken.source)
-        command, reasons = clamp(taken.twist, self.limits)
-        eased, ramping = ramp(state.last, command, dt_s, self.limits)
-        # Last of all, so that exactly what goes out was checked; an obstacle is not approached at a ramp's pace.
-        twist, stopped, free_m = self._before_obstacles(inputs.surroundings, eased)
-        applied = Applied(twist, arming.state, reasons + ramping + stopped, free_m, taken.source)
-        return SafetyState(arming, twist, now), applied
-
-    def _before_obstacles(
-        self, around: Surroundings | None, wanted: Twist
-    ) -> tuple[Twist, tuple[str, ...], float | None]:
-        if around is None:
-            return limit(None, wanted, self.limits)
-        blind = blind_ahead(around.ranges, around.bearings) if wanted.v > 0 else None
-        if blind:
-            return Twist(0.0, wanted.w), (blind,), None
-        return limit(around.points, wanted, self.limits)
+            rest = SafetyState(arming, derating=levels, memory=memory, stamp_ns=now)
+            return rest, Applied(STILL, arming.state, held, source=taken.source)
+        command, said = clamp(taken.twist, limits)
+        command, slowed = derating.derate(command, readings)
+        monitor = Monitor(limits, memory, inputs, here(memory, now), taken.source, state.stopped)
+        safe, avoiding, free_m = monitor.check(command)
+        measured = STILL if inputs.base is None else inputs.base.twist
+        begin = start(state.last, measured, limits, anew=taken.source != state.source)
+        twist, ramping = ramp(begin, safe, self._dt_s(state, now), limits)
+        if twist != safe:
+            twist, again, free_m = monitor.check(twist)
+            avoiding = again or avoiding
+        stopped = math.copysign(1.0, command.v) if command.v and not safe.v else 0.0
+        after = SafetyState(arming, twist, taken.source, stopped, levels, memory, now)
+        return after, Applied(twist, arming.state, said + slowed + avoiding + ramping, free_m, taken.source)
 
     def not_ready(self, inputs: Inputs) -> tuple[str, ...]:
         """What would keep a press of the arm button from arming, for the status line and the page."""
-        return gate.why_not_ready(inputs.base, judge(inputs.freshness, self.limits), self._losses(inputs))
+        _, readings = derating.step(Derating(), inputs, self.limits.deratings)
+        losses = self._losses(SafetyState(), inputs, readings)
+        return gate.why_not_ready(inputs.base, judge(inputs, self.limits), losses)
 
-    def _losses(self, inputs: Inputs) -> tuple[str, ...]:
+    def _losses(self, state: SafetyState, inputs: Inputs, readings: tuple[Reading, ...]) -> tuple[str, ...]:
         """What takes the right to move away, besides what is stale."""
         lease = denied(inputs.lease, inputs.operator, inputs.stamp_ns, self.limits.lease_s)
-        return (lease,) if lease else ()
+        late = gap(state.stamp_ns, inputs.stamp_ns, self.limits.tick_gap_s)
+        return tuple(why for why in (lease, late) if why) + derating.stops(readings, disarms=True)
 
     @staticmethod
-    def _held(arming: Arming, inputs: Inputs, stale: Staleness) -> tuple[str, ...]:
-        if arming.state is not ArmState.ARMED:
-            return (arming.reason,)
-        if stale.hold:
-            return stale.hold
-        if inputs.base is None or inputs.base.mode is not BaseMode.DRIVE:
-            return ("base is not in drive mode yet",)
-        if inputs.operator is None or not inputs.operator.deadman:
-            return ("dead man released",)
-        return ()
+    def _dt_s(state: SafetyState, now_ns: int) -> float:
+        return 0.0 if state.stamp_ns is None else min(max((now_ns - state.stamp_ns) / 1e9, 0.0), MAX_DT_S)
+
+
+def _held(arming: Arming, inputs: Inputs, stale: Staleness, readings: tuple[Reading, ...]) -> tuple[str, ...]:
+    if arming.state is not ArmState.ARMED:
+        return (arming.reason,)
+    if stale.hold:
+        return stale.hold
+    if inputs.base is None or inputs.base.mode is not BaseMode.DRIVE:
+        return ("base is not in drive mode yet",)
+    if inputs.operator is None or not inputs.operator.deadman:
+        return ("dead man released",)
+    return derating.stops(readings, disarms=False)

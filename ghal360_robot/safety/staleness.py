@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from ghal360_robot.safety.mux import FUTURE_NS
 
-    from ghal360_robot.messages import Freshness
+if TYPE_CHECKING:
+    from ghal360_robot.messages import Inputs
     from ghal360_robot.safety.limits import SafetyLimits
 
 WORDS = {"operator": "operator", "tim571": "lidar", "rmp110": "base", "theta": "video"}
@@ -23,15 +23,18 @@ class Staleness:
     silent: frozenset[str] = frozenset()
 
 
-def judge(freshness: Mapping[str, Freshness], limits: SafetyLimits) -> Staleness:
-    """Compare every input's age with its two limits; an input that was never seen is lost."""
+def judge(inputs: Inputs, limits: SafetyLimits) -> Staleness:
+    """Compare every input's age with its two limits; an input that was never seen is lost.
+
+    An operator whose stamps run ahead of the robot's clock could never grow old: that one counts as silent.
+    """
     hold: list[str] = []
     lost: list[str] = []
     silent: set[str] = set()
     lost_s = dict(limits.lost_s)
     for name, hold_s in limits.hold_s:
         word = WORDS.get(name, name)
-        fresh = freshness.get(name)
+        fresh = inputs.freshness.get(name)
         if fresh is None or not fresh.age_s <= lost_s[name]:
             lost.append(f"{word} lost")
             silent.add(name)
@@ -42,4 +45,7 @@ def judge(freshness: Mapping[str, Freshness], limits: SafetyLimits) -> Staleness
             silent.add(name)
         elif not fresh.rate_ok:
             hold.append(f"{word} slow")
+    if inputs.operator is not None and inputs.operator.stamp_ns > inputs.stamp_ns + FUTURE_NS:
+        hold.append("operator stamps from the future")
+        silent.add("operator")
     return Staleness(tuple(hold), tuple(lost), frozenset(silent))

@@ -1,0 +1,114 @@
+"""The collision monitor: what is seen and remembered around the robot against the motion that is wanted.
+
+It is no personal-protection device: the lidar sees one plane, a hand's breadth above the floor; table tops, feet
+below it, glass and stairs are invisible to it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ghal360_robot.messages import STILL, Twist
+from ghal360_robot.safety.limits import OLDEST_S
+from ghal360_robot.safety.memory import Memory, known_free
+from ghal360_robot.safety.mux import TELEOP
+from ghal360_robot.safety.view import out_of_sight
+from ghal360_robot.safety.zones import Around, Verdict, limit, stopping_m
+
+if TYPE_CHECKING:
+    from ghal360_robot.messages import Inputs
+    from ghal360_robot.safety.limits import SafetyLimits
+
+KNOWN_M = 0.02
+"""Places on the robot's way are noted every 5 cm: between two of them the outline lies this close to one."""
+
+
+def faults(memory: Memory, inputs: Inputs) -> tuple[str, ...]:
+    """Why nothing is known about the surroundings at this tick, in words; empty where they are seen."""
+    seen, scene = inputs.surroundings, memory.scene
+    if seen is None or scene is None:
+        return ("no scan",)
+    if abs(inputs.stamp_ns - seen.stamp_ns) > OLDEST_S * 1e9:
+        return ("the scan is old",)  # whenever it arrived
+    return (scene.fault,) if scene.fault else ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Monitor:
+    """One tick's view of the surroundings; `check` holds any motion against it."""
+
+    limits: SafetyLimits
+    memory: Memory
+    inputs: Inputs
+    around: Around
+    """What is seen, from where the base is now."""
+    source: str
+    """Whose command it is: only a hand on the stick may back."""
+    stopped: float
+    """The direction in which the robot had to stop before; see `zones.limit`."""
+
+    def check(self, wanted: Twist) -> tuple[Twist, tuple[str, ...], float | None]:
+        """The part of `wanted` that is safe, why not more, and the free metres on its way (None: nothing in it)."""
+        twist, reasons = self._in_sight(wanted)
+        if twist == STILL:
+            return STILL, reasons, None
+        free, verdict = limit(self.around, twist, self.limits, self._measured, self.stopped)
+        if free != twist:
+            reasons = (*reasons, _words(free, twist, verdict))
+        return free, reasons, verdict.free_m if math.isfinite(verdict.free_m) else None
+
+    @property
+    def _measured(self) -> Twist:
+        return STILL if self.inputs.base is None else self.inputs.base.twist
+
+    def _in_sight(self, wanted: Twist) -> tuple[Twist, tuple[str, ...]]:
+        """Without what would lead into ground that the lidar does not look at."""
+        turn, scene = Twist(0.0, wanted.w), self.memory.scene
+        if wanted.v > 0.0 and scene is not None and scene.blind_ahead:
+            return turn, (scene.blind_ahead,)
+        why = self._blind(wanted)
+        if not why:
+            return wanted, ()
+        return (turn if wanted.v and not self._blind(turn) else STILL), (why,)
+
+    def _blind(self, twist: Twist) -> str:
+        """Why this motion would lead into unseen ground; empty where it does not."""
+        seen = self.inputs.surroundings
+        if seen is None:
+            return "no scan"
+        speed = max(abs(self._measured.v), abs(twist.v))
+        way_m = stopping_m(speed, self.limits.decel, self.limits.reaction_s)
+        hidden = out_of_sight(seen, twist, self.limits.footprint, way_m)
+        if not hidden:
+            return ""
+        word = "backwards" if twist.v < 0.0 else "curve" if twist.v else "turning"
+        if twist.v < 0.0 and self.source != TELEOP:
+            return f"{word}: lidar is blind there"
+        people, scene = self.memory.people, self.memory.scene
+        if scene is None or any(person.confirmed and person.there_ns < scene.stamp_ns for person in people):
+            return f"{word}: lidar is blind there, and somebody went out of sight"
+        outline_m = max(disc.radius - math.hypot(disc.x, disc.y) for disc in self.limits.footprint)
+        if known_free(self.memory, np.array(hidden), outline_m + KNOWN_M, self.inputs.stamp_ns).all():
+            return ""
+        return f"{word}: lidar is blind there, and has not seen it lately"
+
+
+def _words(free: Twist, wanted: Twist, verdict: Verdict) -> str:
+    """The limiting direction in words for the person who drives."""
+    stopped = free.v == 0.0 if wanted.v else free.w == 0.0
+    what = "person" if verdict.person else "obstacle"
+    place = "close by" if verdict.at is None else direction(math.atan2(verdict.at[1], verdict.at[0]))
+    metres = f" {verdict.free_m:.1f} m" if math.isfinite(verdict.free_m) else ""
+    return f"{'stopped' if stopped else 'slowed'}: {what}{metres}, {place}"
+
+
+def direction(bearing: float) -> str:
+    """A direction in the base frame in words."""
+    degrees = math.degrees(bearing)
+    if abs(degrees) <= 10:
+        return "ahead"
+    return f"{abs(degrees):.0f} deg {'left' if degrees > 0 else 'right'}"

@@ -1,0 +1,165 @@
+"""What the safety chain remembers of the ground around: the last scan, a second of earlier ones, people, its own way.
+
+All of it in the odometry frame, all of it bounded. When the odometry jumps, everything is forgotten.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibration.mounting import wrap
+from ghal360_robot.safety import people as crowd
+from ghal360_robot.safety.people import Person
+from ghal360_robot.safety.sight import MIDDLE_NS, Look, look, seen_free
+from ghal360_robot.safety.view import blind_ahead, scan_fault
+from ghal360_robot.safety.zones import Around
+from ghal360_robot.trail import Trail
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from ghal360_robot.messages import BaseState, Inputs, Pose2, Surroundings
+    from ghal360_robot.safety.limits import SafetyLimits
+
+    Floats = NDArray[np.float64]
+
+LOOKS = 18
+"""Scans kept: 1.2 s at the TiM571's 15 Hz."""
+
+THIN = 2
+"""Every second return is enough to see somebody by: a leg 3 m away is four of them wide."""
+
+DRIVEN_M, DRIVEN_RAD, DRIVEN = 0.05, 0.1, 128
+"""A place on the robot's own way is noted every so far, and so many of them are kept."""
+
+JUMP_M, JUMP_RAD = 0.3, 0.5
+"""No base moves so far between two states of its: its odometry has begun anew."""
+
+
+NOTHING = np.zeros((0, 2))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """The last scan: returns that matter, in the odometry frame, those of people last.
+
+    `points` (n, 2); from `resting` on they belong to people who have stopped for the moment, from `walking` on to
+    those who walk.
+    """
+
+    stamp_ns: int
+    points: Floats
+    resting: int
+    walking: int
+    fault: str
+    """Why the scan says nothing at all; empty where it does."""
+    blind_ahead: str
+    """Why it says nothing about the way ahead."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where the robot was."""
+
+    stamp_ns: int
+    pose: Pose2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Memory:
+    """Everything remembered, oldest first."""
+
+    trail: Trail = Trail()
+    looks: tuple[Look, ...] = ()
+    people: tuple[Person, ...] = ()
+    driven: tuple[Place, ...] = ()
+    scene: Scene | None = None
+
+
+def remember(memory: Memory, inputs: Inputs, limits: SafetyLimits) -> Memory:
+    """One tick: the base's newest state, and the scan if it is a new one."""
+    base, around = inputs.base, inputs.surroundings
+    if base is None:
+        return memory
+    stamps = memory.trail.stamps
+    if not stamps or base.stamp_ns != stamps[-1]:
+        if stamps and _jumped(memory.trail, base):
+            memory = Memory()
+        driven = _driven(memory.driven, base, limits.ground_memory_s)
+        memory = Memory(memory.trail.extended(base), memory.looks, memory.people, driven, memory.scene)
+    if around is None or (memory.scene is not None and around.stamp_ns == memory.scene.stamp_ns):
+        return memory
+    return _taken_in(memory, around, base.twist.w, limits)
+
+
+def here(memory: Memory, now_ns: int) -> Around:
+    """The last scan's returns in the base frame of this moment."""
+    scene = memory.scene
+    if scene is None:
+        return Around(NOTHING, NOTHING, NOTHING)
+    pose = memory.trail.at(now_ns)
+    c, s = math.cos(pose.yaw), math.sin(pose.yaw)
+    points = (scene.points - (pose.x, pose.y)) @ np.array(((c, -s), (s, c)))
+    return Around(points, points[scene.resting : scene.walking], points[scene.walking :])
+
+
+def known_free(memory: Memory, points: Floats, radius: float, now_ns: int) -> NDArray[np.bool_]:
+    """Which of `points` (n, 2), base frame, lie in ground that was driven over or seen free a short while ago."""
+    pose = memory.trail.at(now_ns)
+    c, s = math.cos(pose.yaw), math.sin(pose.yaw)
+    there = points @ np.array(((c, s), (-s, c))) + (pose.x, pose.y)
+    known = np.zeros(len(points), bool)
+    if memory.driven:
+        places = np.array([(place.pose.x, place.pose.y) for place in memory.driven])
+        apart = np.hypot(there[:, :1] - places[:, 0], there[:, 1:] - places[:, 1])
+        known |= apart.min(axis=1) <= radius
+    for past in memory.looks:
+        known |= seen_free(past, there)
+    return known
+
+
+def _taken_in(memory: Memory, around: Surroundings, turning: float, limits: SafetyLimits) -> Memory:
+    pose, looks, stamp_ns = memory.trail.at(around.stamp_ns - MIDDLE_NS), memory.looks, around.stamp_ns
+    x, y = around.points[:, 0], around.points[:, 1]
+    squared = x * x + y * y
+    nearby = np.flatnonzero(squared < limits.people_reach_m**2)
+    c, s = math.cos(pose.yaw), math.sin(pose.yaw)
+    points = around.points[nearby] @ np.array(((c, s), (-s, c))) + (pose.x, pose.y)
+    beam = around.beam[nearby]
+    some, its_beam = points[::THIN], beam[::THIN]
+    moved = crowd.moving(crowd.compared(looks, stamp_ns), some, its_beam, turning)
+    people = crowd.follow(memory.people, some, moved, its_beam, stamp_ns, limits.person_memory_s)
+    rests, walks = np.zeros(len(points), bool), np.zeros(len(points), bool)
+    for somebody in people:
+        if somebody.confirmed:
+            group = walks if stamp_ns - somebody.moved_ns <= crowd.REST_NS else rests
+            group |= crowd.near(points, somebody)
+    rests &= ~walks
+    things = (squared[nearby] < limits.reach_m**2) & ~rests & ~walks
+    parts = points[things], points[rests], points[walks]
+    fault = scan_fault(around, limits.footprint)
+    ahead = "" if fault else blind_ahead(around)
+    first = len(parts[0])
+    scene = Scene(stamp_ns, np.concatenate(parts), first, first + len(parts[1]), fault, ahead)
+    return Memory(memory.trail, (*looks[1 - LOOKS :], look(around, pose, turning)), people, memory.driven, scene)
+
+
+def _driven(driven: tuple[Place, ...], base: BaseState, driven_s: float) -> tuple[Place, ...]:
+    if driven and base.stamp_ns - driven[0].stamp_ns > driven_s * 1e9:
+        driven = driven[1:]
+    if driven:
+        last = driven[-1].pose
+        away = math.hypot(base.pose.x - last.x, base.pose.y - last.y)
+        if away < DRIVEN_M and abs(wrap(base.pose.yaw - last.yaw)) < DRIVEN_RAD:
+            return (*driven[:-1], Place(base.stamp_ns, last)) if base.stamp_ns > driven[-1].stamp_ns else driven
+    return (*driven[1 - DRIVEN :], Place(base.stamp_ns, base.pose))
+
+
+def _jumped(trail: Trail, base: BaseState) -> bool:
+    last = trail.poses[-1]
+    away = math.hypot(base.pose.x - last.x, base.pose.y - last.y)
+    return away > JUMP_M or abs(wrap(base.pose.yaw - last.yaw)) > JUMP_RAD or base.stamp_ns < trail.stamps[-1]

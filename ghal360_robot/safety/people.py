@@ -1,0 +1,156 @@
+"""Things that move: what stands where an earlier scan saw free ground, followed and remembered for a while.
+
+Nothing here knows what a person is. But in a house it is people who move, and who stopped walking a moment ago
+may walk on at any time: what has moved is treated as a person until it has stood still for long.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ghal360_robot.safety.sight import seen_free
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from ghal360_robot.safety.sight import Look
+
+    Floats = NDArray[np.float64]
+
+AGES_S = (0.2, 0.45, 0.9)
+"""Scans of these ages are compared with: the first shows who walks fast soon, the last who strolls at all."""
+
+BESIDE = 4
+"""Beams apart that still belong to one thing."""
+
+LEAST_POINTS = 2
+"""Returns (of every second beam) that make a thing that moved; one is the edge of something that stands."""
+
+ONE_THING_M = 0.15
+"""Two neighbouring returns further apart than this in range belong to two things."""
+
+SAME_M = 0.5
+"""A leg moves up to 0.3 m from one of these scans to the next step: what moves within this is the same."""
+
+REACH_M = 0.45
+"""Around a leg that moved, this much belongs to the person: the other leg, one step away."""
+
+CONFIRMED = 2
+"""Scans in which a thing has to be seen moving: once may be chance."""
+
+REST_NS = 1_000_000_000
+"""Who was not seen moving for so long has stopped for the moment: a step takes half of it."""
+
+GONE_NS = 1_500_000_000
+"""Nothing left where it was for so long: it went out of sight."""
+
+CHANCE_NS = 500_000_000
+"""What was seen moving only once is forgotten after this."""
+
+MOST = 12
+"""People remembered; a crowd that is bigger is in each other's reach anyway."""
+
+ADRIFT = 0.5
+"""When more than this share of everything nearby seems to move, it is the odometry that does."""
+
+FEW = 40
+"""Of so few returns a person may well be the most."""
+
+
+@dataclass(frozen=True, slots=True)
+class Person:
+    """Something that moved: where it last did, odometry frame."""
+
+    x: float
+    y: float
+    moved_ns: int
+    """When it was last seen moving."""
+    there_ns: int
+    """When something was last seen there."""
+    times: int = 1
+    """Scans in which it was seen moving, as far as they matter."""
+
+    @property
+    def confirmed(self) -> bool:
+        return self.times >= CONFIRMED
+
+
+def compared(looks: Sequence[Look], stamp_ns: int) -> tuple[Look, ...]:
+    """Of the kept scans, oldest first, for each age the newest that is at least as old."""
+    found: list[Look] = []
+    for age_s in AGES_S:
+        old = [past for past in looks if stamp_ns - past.stamp_ns >= age_s * 1e9]
+        if old and (not found or found[-1] is not old[-1]):
+            found.append(old[-1])
+    return tuple(found)
+
+
+def moving(looks: Sequence[Look], points: Floats, beam: NDArray[np.intp], turning: float) -> NDArray[np.bool_]:
+    """Which of `points` (n, 2), odometry frame, by `beam` (n,), stand where one of `looks` saw free ground.
+
+    Single ones do not count: there have to be a few beside each other.
+    """
+    came = np.zeros(len(points), bool)
+    for past in looks:
+        came |= seen_free(past, points, turning)
+    suspects = np.flatnonzero(came)
+    if len(suspects) < LEAST_POINTS or (len(suspects) > ADRIFT * len(points) and len(points) > FEW):
+        return np.zeros(len(points), bool)
+    for thing in things(points[suspects], beam[suspects]):
+        if len(thing) < LEAST_POINTS:
+            came[suspects[thing]] = False
+    return came
+
+
+def things(points: Floats, beam: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+    """Indices of `points` that belong together, by neighbouring beams."""
+    if len(points) == 0:
+        return []
+    apart = np.hypot(*np.diff(points, axis=0).T) > ONE_THING_M + 0.02 * np.diff(beam)
+    breaks = np.flatnonzero(apart | (np.diff(beam) > BESIDE)) + 1
+    return list(np.split(np.arange(len(points)), breaks))
+
+
+def follow(
+    people: Sequence[Person],
+    points: Floats,
+    moved: NDArray[np.bool_],
+    beam: NDArray[np.intp],
+    stamp_ns: int,
+    memory_s: float,
+) -> tuple[Person, ...]:
+    """People after one more scan: those seen moving now, and those remembered."""
+    followed = [replace(person, there_ns=stamp_ns) if near(points, person).any() else person for person in people]
+    which = np.flatnonzero(moved)
+    for thing in things(points[which], beam[which]):
+        x, y = points[which[thing]].mean(axis=0).tolist()
+        nearest = min(
+            (person for person in followed if (person.x - x) ** 2 + (person.y - y) ** 2 < SAME_M**2),
+            key=lambda person: (person.x - x) ** 2 + (person.y - y) ** 2,
+            default=None,
+        )
+        if nearest is None:
+            followed.append(Person(x, y, stamp_ns, stamp_ns))
+        elif nearest.moved_ns == stamp_ns and nearest.confirmed:
+            continue  # the other leg
+        else:
+            times = min(nearest.times + (nearest.moved_ns != stamp_ns), CONFIRMED)
+            followed[followed.index(nearest)] = Person(x, y, stamp_ns, stamp_ns, times)
+    kept = [person for person in followed if not _forgotten(person, stamp_ns, memory_s)]
+    return tuple(sorted(kept, key=lambda person: -person.moved_ns)[:MOST])
+
+
+def near(points: Floats, person: Person, reach_m: float = REACH_M) -> NDArray[np.bool_]:
+    """Which of `points` (n, 2) are so close to somebody that they belong to them."""
+    return np.asarray((points[:, 0] - person.x) ** 2 + (points[:, 1] - person.y) ** 2 < reach_m**2)
+
+
+def _forgotten(person: Person, now_ns: int, memory_s: float) -> bool:
+    if not person.confirmed:
+        return now_ns - person.moved_ns > CHANCE_NS
+    return now_ns - person.moved_ns > memory_s * 1e9 or now_ns - person.there_ns > GONE_NS

@@ -1,0 +1,122 @@
+"""Scans that are kept for a second, to ask of a place: was it seen to be free then?
+
+Everything that makes two scans of a world at rest differ is on the safe side here: a place counts as seen free
+only if all beams around its direction passed it by clearly, so that noise, the base's motion during a sweep,
+late odometry, a lidar mounted a little askew and the thinnest chair leg do not make things appear to move.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from ghal360_robot.messages import Pose2, Surroundings
+
+    Floats = NDArray[np.float64]
+
+SWEEP_S = 0.050
+"""From a TiM571's first beam to its last: 270 of 360 degrees at 15 Hz. The stamp is the last beam's."""
+
+MIDDLE_NS = 25_000_000
+"""The middle of the sweep is half of it before the stamp; the pose of that instant stands for all beams."""
+
+ASTRAY = 0.035
+"""rad: how far a direction may be out: 3 cm of place at 1 m, or odometry and mounting after half a turn."""
+
+PASSED_M = 0.08
+"""A beam that went this much further passed a place: four sigma of a smoothed range and 3 cm of odometry."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """One scan in the odometry frame: where the lidar was, and how far each direction was free.
+
+    `free` (n,) metres is the least range of all beams within `ASTRAY`, 0 where one of them saw nothing.
+    """
+
+    stamp_ns: int
+    x: float
+    y: float
+    yaw: float
+    free: NDArray[np.float32]
+    first: float
+    """Direction of the first beam in the base frame."""
+    step: float
+    """Angle from beam to beam; negative where they run clockwise."""
+
+
+def place_of(pose: Pose2, point: tuple[float, float]) -> tuple[float, float]:
+    """A point of the base frame in the frame of `pose`."""
+    c, s = math.cos(pose.yaw), math.sin(pose.yaw)
+    return pose.x + c * point[0] - s * point[1], pose.y + s * point[0] + c * point[1]
+
+
+def beam_step(around: Surroundings) -> float:
+    """Angle between two beams, negative where they run clockwise; 0 for a scan of fewer than two."""
+    bearings = around.bearings
+    if len(bearings) < 2:
+        return 0.0
+    sign = math.copysign(1.0, math.remainder(float(bearings[1] - bearings[0]), math.tau))
+    return sign * (sign * float(bearings[-1] - bearings[0]) % math.tau) / (len(bearings) - 1)
+
+
+def look(around: Surroundings, pose: Pose2, turning: float) -> Look:
+    """Keep a scan taken at `pose` (middle of its sweep) by a base that turned at `turning` rad/s."""
+    step = beam_step(around)
+    width = math.ceil((ASTRAY + abs(turning) * SWEEP_S / 2) / abs(step)) if step else 0
+    x, y = place_of(pose, around.origin)
+    raw = around.raw.copy()
+    raw[np.isnan(raw)] = 0.0
+    return Look(
+        around.stamp_ns,
+        x,
+        y,
+        pose.yaw,
+        least_around(raw, width),
+        float(around.bearings[0]) if len(around.bearings) else 0.0,
+        step,
+    )
+
+
+def least_around(ranges: NDArray[np.float32], width: int) -> NDArray[np.float32]:
+    """Each range replaced by the least within `width` neighbours to either side; 0 near the ends of the scan."""
+    n = len(ranges)
+    least = np.zeros(n, np.float32)
+    if n <= 2 * width:
+        return least
+    window, span = ranges, 1
+    while 2 * span <= 2 * width + 1:
+        window = np.minimum(window[:-span], window[span:])
+        span *= 2
+    rest = 2 * width + 1 - span
+    least[width : n - width] = np.minimum(window[: n - 2 * width], window[rest:]) if rest else window
+    return least
+
+
+def seen_free(past: Look, points: Floats, turning: float = 0.0, passed_m: float = PASSED_M) -> NDArray[np.bool_]:
+    """Whether each of `points` (n, 2), odometry frame, lay in ground that this scan saw through.
+
+    `turning` (rad/s) is that of the base while the points were measured: they are out by as much of a sweep.
+    """
+    if not past.step or len(points) == 0:
+        return np.zeros(len(points), bool)
+    # Single precision is a hundredth of a beam here, and twice as fast.
+    dx, dy = (points[:, 0] - past.x).astype(np.float32), (points[:, 1] - past.y).astype(np.float32)
+    far = np.hypot(dx, dy) + passed_m
+    sign = math.copysign(1.0, past.step)
+    turned = (np.arctan2(dy, dx) - np.float32(past.yaw + past.first)) * np.float32(sign)
+    beam = np.rint(np.mod(turned, np.float32(math.tau)) / np.float32(abs(past.step))).astype(np.intp)
+    inside = beam < len(past.free)
+    beam[~inside] = 0  # a direction before the first beam comes out as almost a whole turn
+    aside = math.ceil(abs(turning) * SWEEP_S / 2 / abs(past.step))
+    free: NDArray[np.bool_] = inside & (past.free[beam] > far)
+    if aside:
+        last = len(past.free) - 1
+        free &= (past.free[np.maximum(beam - aside, 0)] > far) & (past.free[np.minimum(beam + aside, last)] > far)
+    return free

@@ -1,0 +1,91 @@
+"""What the lidar cannot tell: scans that say nothing, and ground that it does not look at.
+
+Behind the robot a quarter of the circle is out of the TiM571's sight. Nothing but a hand on the stick drives into
+it, slowly, and only where the robot was or saw free ground a moment ago, with nobody about: a person who came up
+from behind meanwhile could not be seen.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ghal360_robot.safety.footprint import STANDSTILL, disc_velocity
+from ghal360_robot.safety.sight import beam_step
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ghal360_robot.messages import Surroundings, Twist
+    from ghal360_robot.safety.footprint import Disc
+
+AHEAD = math.radians(50)
+"""To either side of the way ahead there must be beams, and some of them must come back."""
+
+BLOCKED_SHARE = 0.05
+"""A lidar that gets less than this share of its beams back is covered, or faces 25 m of nothing."""
+
+LEAST_BEAMS = 16
+"""Fewer are no scan."""
+
+INSIDE_M, INSIDE_SHARE = 0.05, 0.03
+"""Returns this far inside the robot's own outline, and the share of beams (8 degrees) that is more than dust."""
+
+FRONT = tuple(math.radians(a) for a in (-90.0, -60.0, -30.0, 0.0, 30.0, 60.0, 90.0))
+"""Points of a disc's leading half that are looked at: neighbours are a quarter of a metre apart."""
+
+
+def scan_fault(around: Surroundings, footprint: Sequence[Disc]) -> str:
+    """Why this scan says nothing at all, in words; empty where it does."""
+    n = len(around.bearings)
+    if n < LEAST_BEAMS:
+        return "the scan has too few beams"
+    if len(around.points) < BLOCKED_SHARE * n:
+        return "lidar sees nothing: covered?"
+    x, y = around.points[:, 0], around.points[:, 1]
+    inside = np.zeros(len(x), bool)
+    for disc in footprint:
+        inside |= (x - disc.x) ** 2 + (y - disc.y) ** 2 < max(disc.radius - INSIDE_M, 0.0) ** 2
+    if np.count_nonzero(inside) > INSIDE_SHARE * n:
+        return "lidar sees something on the robot itself: is its window dirty?"
+    return ""
+
+
+def blind_ahead(around: Surroundings) -> str:
+    """Why this scan says nothing about the way ahead, in words; empty where it does."""
+    ahead = np.abs(around.bearings) <= AHEAD
+    edges = around.bearings[ahead]
+    if len(edges) == 0 or edges.min() > -0.9 * AHEAD or edges.max() < 0.9 * AHEAD:
+        return "the scan does not cover the way ahead"
+    if np.isfinite(around.ranges[ahead]).mean() < BLOCKED_SHARE:
+        return "lidar sees nothing ahead: covered?"
+    return ""
+
+
+def out_of_sight(
+    around: Surroundings, twist: Twist, footprint: Sequence[Disc], way_m: float
+) -> list[tuple[float, float]]:
+    """Points of the outline's leading edge, `way_m` further on, that are neither looked at nor the robot's own."""
+    step = beam_step(around)
+    span = abs(step) * (len(around.bearings) - 1)
+    first, sign = float(around.bearings[0]), math.copysign(1.0, step)
+    hidden = []
+    for disc in footprint:
+        vx, vy = disc_velocity(disc, twist)
+        if math.hypot(vx, vy) < STANDSTILL:
+            continue
+        towards = math.atan2(vy, vx)
+        at_x, at_y = disc.x + way_m * math.cos(towards), disc.y + way_m * math.sin(towards)
+        for front in FRONT:
+            x = at_x + disc.radius * math.cos(towards + front)
+            y = at_y + disc.radius * math.sin(towards + front)
+            bearing = math.atan2(y - around.origin[1], x - around.origin[0])
+            if sign * (bearing - first) % math.tau > span and not _own(x, y, footprint):
+                hidden.append((x, y))
+    return hidden
+
+
+def _own(x: float, y: float, footprint: Sequence[Disc]) -> bool:
+    return any(math.hypot(x - disc.x, y - disc.y) <= disc.radius for disc in footprint)

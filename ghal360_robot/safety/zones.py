@@ -1,0 +1,200 @@
+"""How fast the robot may go towards what is around it: stop, approach and slow zones, and people.
+
+Distances follow from speed, the base's own deceleration and the reaction time (fact sheet on safety, B3). A zone is
+no polygon but the ground that the outline sweeps along the commanded arc:
+- stop: contact within the distance that the base needs to stop from its MEASURED speed;
+- approach: only as fast as it can stop a standoff before contact;
+- slow: something would pass closer than a wider margin, so it is passed at a gentle pace;
+- people: who moves may walk up to the robot while that brakes (ISO 13855, S = K T + C), whether or not they are in
+  the way now; who has stopped for a moment is kept clear of by the width of a body and passed at a crawl.
+A motion that takes no clearance away is allowed at a crawl, however close things are.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ghal360_robot.messages import Twist
+from ghal360_robot.safety.footprint import STANDSTILL, Disc, disc_velocity, first_contacts
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from ghal360_robot.safety.limits import SafetyLimits
+
+    Floats = NDArray[np.float64]
+
+CRAWL = 0.1
+"""m/s: allowed when already too close, as long as the motion takes no clearance away."""
+
+NOISE_M = 0.01
+"""Less clearance than now by so little is the same: a third of what is left of a scan's noise."""
+
+ABEAM = 0.17
+"""Cosine of 80 degrees: who is abeam is neither run up to nor left behind; past them the robot crawls."""
+
+BERTH_M = 0.25
+"""Resting people this much further away than they have to be are passed at a crawl."""
+
+LEAST = 0.03
+"""m/s: slower is not worth creaking for; the robot stops."""
+
+RELEASE = 0.08
+"""m/s: once stopped it starts again only when it may go this fast, or it would start and stop for ever."""
+
+
+class Verdict(NamedTuple):
+    """What one motion may be scaled by (1 and more: not at all), and what limits it: free metres, where, who."""
+
+    share: float
+    free_m: float = math.inf
+    at: tuple[float, float] | None = None
+    person: bool = False
+
+
+FREE = Verdict(math.inf)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Around:
+    """What there is to run into, base frame, metres: all returns (n, 2), and those of people (m, 2) among them."""
+
+    points: Floats
+    resting: Floats
+    walking: Floats
+
+
+class Berth(NamedTuple):
+    """How much room is kept: margin beside the outline, the wider one, and the speed allowed in between."""
+
+    margin_m: float
+    wide_m: float
+    slow: float
+
+
+def stoppable(room_m: float, decel: float, reaction_s: float, slow: float = 0.0) -> float:
+    """The speed (m/s) from which the robot gets down to `slow` within `room_m`, reaction included."""
+    excess = 2.0 * (max(room_m, 0.0) + slow * reaction_s) / decel + (slow / decel) ** 2
+    return decel * (math.sqrt(reaction_s * reaction_s + excess) - reaction_s)
+
+
+def stopping_m(speed: float, decel: float, reaction_s: float) -> float:
+    """What the robot still covers before it stands, metres."""
+    return abs(speed) * reaction_s + speed * speed / (2.0 * decel)
+
+
+def approachable(apart_m: float, decel: float, reaction_s: float, walking: float) -> float:
+    """The speed (m/s) at which somebody `apart_m` away who walks up at `walking` finds the robot standing.
+
+    While it reacts and brakes, T = reaction + v / decel, both come closer: walking T + v reaction + v^2 / 2 decel.
+    """
+    b = decel * reaction_s + walking
+    return math.sqrt(b * b + 2.0 * decel * max(apart_m - walking * reaction_s, 0.0)) - b
+
+
+def judge(around: Around, twist: Twist, limits: SafetyLimits, measured: Twist) -> Verdict:
+    """What part of `twist` may go out; the same arc at that share of speed is allowed as a whole."""
+    things = Berth(limits.margin_m, limits.slow_margin_m, limits.slow_max)
+    people = Berth(limits.person_margin_m, limits.person_margin_m + BERTH_M, CRAWL)
+    verdicts = [FREE]
+    for disc in limits.footprint:
+        verdicts.append(_zones(around.points, twist, disc, limits, measured, things))
+        if len(around.resting):
+            verdicts.append(_zones(around.resting, twist, disc, limits, measured, people)._replace(person=True))
+        if len(around.walking):
+            verdicts.append(_walking(around.walking, twist, disc, limits))
+    return min(verdicts, key=lambda verdict: (verdict.share, verdict.free_m))
+
+
+def limit(
+    around: Around, wanted: Twist, limits: SafetyLimits, measured: Twist, stopped: float = 0.0
+) -> tuple[Twist, Verdict]:
+    """The fastest safe twist in the spirit of `wanted`, and what limits it.
+
+    Slowing down keeps the turn, because turning is what leads around things; where the tighter arc that follows
+    is not free itself, the same arc is driven more slowly, and where that is too slow to be worth it, the robot
+    only turns. `stopped` is the direction (+1, -1) in which it had to stop before, 0 for none.
+    """
+    first = judge(around, wanted, limits, measured)
+    least = RELEASE if stopped * wanted.v > 0.0 else LEAST
+    if first.share >= 1.0 and (least is LEAST or first.share * abs(wanted.v) >= least):
+        return wanted, first
+    share = min(first.share, 1.0)
+    if share * abs(wanted.v) >= least:
+        slower = Twist(share * wanted.v, wanted.w)
+        if wanted.w and judge(around, slower, limits, measured).share < 1.0:
+            slower = Twist(share * wanted.v, share * wanted.w)
+        return slower, first
+    turn = Twist(0.0, wanted.w)
+    return Twist(0.0, min(judge(around, turn, limits, measured).share, 1.0) * wanted.w) if wanted.w else turn, first
+
+
+def _zones(points: Floats, twist: Twist, disc: Disc, limits: SafetyLimits, measured: Twist, berth: Berth) -> Verdict:
+    """Stop, approach and slow zone of one disc around what does not move now."""
+    speed = math.hypot(*disc_velocity(disc, twist))
+    if speed < STANDSTILL or len(points) == 0:
+        return FREE
+    moving = math.hypot(*disc_velocity(disc, measured))
+    decel = _decel(disc, twist, limits)
+    squared = (points[:, 0] - disc.x) ** 2 + (points[:, 1] - disc.y) ** 2
+    reach_m = stopping_m(max(speed, moving), decel, limits.reaction_s) + max(limits.standoff_m, berth.wide_m)
+    clearance = math.sqrt(float(squared.min()))
+    if clearance > disc.radius + berth.margin_m + reach_m:
+        return FREE
+    points = points[squared <= (disc.radius + berth.margin_m + reach_m) ** 2]
+    close = clearance < disc.radius + berth.margin_m
+    radius = max(clearance - NOISE_M, 0.0) if close else disc.radius + berth.margin_m
+    touch, side = first_contacts(points, twist, disc, (radius, disc.radius + berth.wide_m))
+    free_m, wide_m = speed * touch.seconds, speed * side.seconds
+    allowed, which, reach = CRAWL if close else math.inf, None, free_m
+    if math.isfinite(wide_m):
+        gentle = stoppable(wide_m, decel, limits.reaction_s, berth.slow)
+        if gentle < allowed:
+            allowed, which, reach = gentle, side.point, wide_m
+    if math.isfinite(free_m):
+        pace = stoppable(free_m - limits.standoff_m, decel, limits.reaction_s)
+        if _same_way(disc, twist, measured) and free_m < stopping_m(moving, decel, limits.reaction_s):
+            pace = 0.0
+        if pace <= allowed:
+            allowed, which, reach = pace, touch.point, free_m
+    at = None if which is None else (float(points[which, 0]), float(points[which, 1]))
+    return Verdict(allowed / speed, reach, at)
+
+
+def _walking(points: Floats, twist: Twist, disc: Disc, limits: SafetyLimits) -> Verdict:
+    """Speed and separation from everybody who walks and whom this motion does not leave behind."""
+    vx, vy = disc_velocity(disc, twist)
+    speed = math.hypot(vx, vy)
+    if speed < STANDSTILL or len(points) == 0:
+        return FREE
+    dx, dy = points[:, 0] - disc.x, points[:, 1] - disc.y
+    apart = np.hypot(dx, dy)
+    towards = dx * vx + dy * vy
+    worst = FREE
+    for mask, least in ((towards > ABEAM * speed * apart, 0.0), (np.abs(towards) <= ABEAM * speed * apart, CRAWL)):
+        if not mask.any():
+            continue
+        nearest = int(np.where(mask, apart, np.inf).argmin())
+        apart_m = float(apart[nearest]) - disc.radius - limits.person_margin_m
+        pace = approachable(apart_m, _decel(disc, twist, limits), limits.reaction_s, limits.person_speed)
+        at = (float(points[nearest, 0]), float(points[nearest, 1]))
+        verdict = Verdict(max(pace, least) / speed, max(apart_m, 0.0), at, person=True)
+        worst = min(worst, verdict, key=lambda verdict: verdict.share)
+    return worst
+
+
+def _decel(disc: Disc, twist: Twist, limits: SafetyLimits) -> float:
+    """Of a disc, m/s^2: the base brakes drive and turn by limits of their own, and the later of the two counts."""
+    if not twist.w or (disc.x == 0.0 and disc.y == 0.0):
+        return limits.decel
+    speed = math.hypot(*disc_velocity(disc, twist))
+    return speed / max(abs(twist.v) / limits.decel, abs(twist.w) / limits.w_accel)
+
+
+def _same_way(disc: Disc, twist: Twist, measured: Twist) -> bool:
+    (ax, ay), (bx, by) = disc_velocity(disc, twist), disc_velocity(disc, measured)
+    return ax * bx + ay * by > 0.0
