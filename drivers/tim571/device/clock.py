@@ -20,6 +20,7 @@ from drivers.tim571.codec.scandata import TICKS
 
 WINDOW_S = 5.0  # drift that the slope doesn't know yet, 50 ppm at worst, makes 0.25 ms in it
 MOST_SAMPLES = 512  # a window of a simulator that runs faster than the device
+ENOUGH = 30  # arrivals: two seconds
 EDGE = 0.15  # the arrivals below the line; jitter on a real network has a standard deviation of 0.1 ms
 NEAR_US = 3_000.0  # an arrival that much later than the line was held up on the way
 EARLY_US = -5_000.0  # no arrival is that much earlier than the line: then the line is wrong
@@ -41,7 +42,7 @@ class ClockState:
     """How well the device's time is known."""
 
     locked: bool = False
-    """Whether stamps come from the line; if not, each comes from its own arrival."""
+    """Whether stamps are good to a fraction of a millisecond: two seconds of arrivals lie on a line."""
     drift_ppm: float = 0.0
     """How much faster the device's clock runs than ours."""
     spread_us: float = 0.0
@@ -65,6 +66,7 @@ class DeviceClock:
         self._slope = 0.0
         self._edge_us = 0.0
         self._held_up = 0
+        self._plausible = False
         self.state = ClockState()
 
     def stamp_ns(self, arrival_ns: int, scan_tick_us: int, transmit_tick_us: int) -> int:
@@ -74,7 +76,7 @@ class DeviceClock:
             return arrival_ns  # the ticks contradict each other
         sent_us = self._unwrap(transmit_tick_us, arrival_ns)
         self._learn(sent_us, arrival_ns)
-        if not self.state.locked:
+        if not self._plausible:
             return arrival_ns - 1000 * delay_us
         return self._line_ns(sent_us - delay_us)
 
@@ -90,7 +92,7 @@ class DeviceClock:
             self._origin = (sent_us, arrival_ns)
         self._newest_us, self._newest_ns = sent_us, arrival_ns
         second, late_us = self._coordinates(sent_us, arrival_ns)
-        if self.state.locked:
+        if self._plausible:
             off_us = late_us - self._slope * second - self._edge_us
             self._held_up = self._held_up + 1 if off_us > NEAR_US else 0
             if off_us < EARLY_US or self._held_up >= HELD_UP:
@@ -131,8 +133,8 @@ class DeviceClock:
         level.sort()
         self._edge_us = float(level[round(EDGE * (len(level) - 1))])
         spread_us = float(level[len(level) // 2]) - self._edge_us
-        plausible = spread_us < NEAR_US and abs(self._slope) < MOST_DRIFT_PPM
-        self.state = ClockState(plausible, -self._slope, spread_us)
+        self._plausible = spread_us < NEAR_US and abs(self._slope) < MOST_DRIFT_PPM
+        self.state = ClockState(self._plausible and len(level) >= ENOUGH, -self._slope, spread_us)
 
     def _line_ns(self, tick_us: int) -> int:
         assert self._origin is not None  # noqa: S101 - there is no line before the first telegram

@@ -80,7 +80,7 @@ class Scan:
     lost: int = 0
     """Revolutions missed between the scan before and this one."""
     clock_locked: bool = False
-    """Whether the stamp comes from the fit to many arrivals, good to 0.2 ms, or from this telegram's arrival."""
+    """Whether the stamp comes from a fit to seconds of arrivals, good to 0.2 ms; if not, from few or from this one."""
 
 
 def has_ranges(data: ScanData) -> bool:

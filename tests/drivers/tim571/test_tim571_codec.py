@@ -317,7 +317,7 @@ def test_a_frame_has_the_size_computed_from_the_manual(make_scan: Callable[..., 
 
 
 @given(data=st.data())
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 def test_damaged_scans_are_refused_or_decoded_but_never_crash(
     make_scan: Callable[..., ScanData], data: st.DataObject
 ) -> None:
@@ -334,7 +334,7 @@ def test_damaged_scans_are_refused_or_decoded_but_never_crash(
 
 
 @given(payload=st.binary(max_size=60))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 def test_any_payload_becomes_a_telegram_or_damage(payload: bytes) -> None:
     for dialect in Dialect:
         for kind in (b"sFA", b"sRA", b"sSI", b"sRI"):

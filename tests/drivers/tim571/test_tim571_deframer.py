@@ -37,7 +37,7 @@ def everything(dialect: Dialect, chunks: list[bytes]) -> list[Frame | Damage]:
 
 
 @given(data=st.data())
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=60, deadline=None)
 @pytest.mark.parametrize("dialect", list(Dialect), ids=str)
 def test_events_do_not_depend_on_how_the_stream_is_cut(dialect: Dialect, data: st.DataObject) -> None:
     stream = b"".join(data.draw(pieces_of(dialect)))
@@ -49,7 +49,7 @@ def test_events_do_not_depend_on_how_the_stream_is_cut(dialect: Dialect, data: s
 
 
 @given(data=st.data())
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=60, deadline=None)
 @pytest.mark.parametrize("dialect", list(Dialect), ids=str)
 def test_a_good_frame_behind_any_damage_is_delivered(dialect: Dialect, data: st.DataObject) -> None:
     damage = b"".join(data.draw(pieces_of(dialect)))
@@ -59,7 +59,7 @@ def test_a_good_frame_behind_any_damage_is_delivered(dialect: Dialect, data: st.
 
 
 @given(data=st.data())
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=50, deadline=None)
 @pytest.mark.parametrize("dialect", list(Dialect), ids=str)
 def test_every_byte_is_a_frame_or_damage_or_padding(dialect: Dialect, data: st.DataObject) -> None:
     stream = b"".join(data.draw(pieces_of(dialect)))
@@ -71,7 +71,7 @@ def test_every_byte_is_a_frame_or_damage_or_padding(dialect: Dialect, data: st.D
 
 
 @given(noise=st.binary(max_size=4000))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=60, deadline=None)
 @pytest.mark.parametrize("dialect", list(Dialect), ids=str)
 def test_noise_never_raises_and_never_fills_the_memory(dialect: Dialect, noise: bytes) -> None:
     deframer = Deframer(dialect)
