@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from drivers.tim571.codec import scandata
 from drivers.tim571.codec.plausibility import Plausibility
-from drivers.tim571.codec.scandata import ScanData
+from drivers.tim571.codec.scandata import SCAN_NAMES, ScanData
 from drivers.tim571.codec.telegram import Telegram
 from drivers.tim571.device.clock import DeviceClock
 from drivers.tim571.device.continuity import Continuity
 from drivers.tim571.device.scan import Beam, Scan, has_ranges, scan_of
 from drivers.tim571.errors import TimMalformedError
+
+SCANS, MONITOR = SCAN_NAMES
 
 
 class Intake:
@@ -19,6 +21,7 @@ class Intake:
         self._marks = tick_marks, stamp_marks
         self._continuity = Continuity()
         self._plausibility = Plausibility()
+        self._streams: set[str] = set()
         self.clock = DeviceClock()
         self.received = self.lost = self.repeated = self.restarts = 0
         self.damaged = self.implausible = 0
@@ -39,6 +42,7 @@ class Intake:
     def connected(self) -> None:
         """A new connection: what one telegram says of the next begins anew, time and counters go on."""
         self._plausibility = Plausibility()
+        self._streams.clear()
 
     def take(self, telegram: Telegram) -> Scan | None:
         """The scan in it, or None if there is none, or none that is new and believed."""
@@ -52,6 +56,9 @@ class Intake:
             return None
         if not has_ranges(data):
             return None  # polled before the first revolution: all zero, counters and ticks included
+        if telegram.name == MONITOR and SCANS in self._streams:
+            return None  # the same scans once more, with other content
+        self._streams.add(telegram.name)
         if doubts := self._plausibility.doubts(data):
             self.damaged += 1
             self.implausible += 1

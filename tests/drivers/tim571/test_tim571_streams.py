@@ -62,6 +62,20 @@ def test_two_damaged_frames_in_a_row_are_two_even_if_the_second_header_is_hit() 
             assert [type(event) for event in events + deframer.close()] == [Frame, Damage, Damage, Frame]
 
 
+def test_the_monitor_stream_is_taken_only_where_there_is_no_other(make_scan: Callable[..., ScanData]) -> None:
+    for others in (True, False):
+        intake, taken = Intake(), []
+        for number in range(20):
+            for name in ("LMDscandata", "LMDscandatamon")[not others :]:
+                content = {"telegram_counter": number + 9, "name": "x"} if name == "LMDscandatamon" else {}
+                scan = scandata.encode(make_scan(number, **content), Dialect.B, "sSN", name).to_wire()
+                (telegram,) = Receiver(Dialect.B).feed(scan, number * 66_667_000)
+                assert isinstance(telegram, Telegram)
+                taken.append(intake.take(telegram))
+        assert sum(scan is not None for scan in taken) == 20
+        assert intake.damaged == 0
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_mutations_of_everything_a_wire_can_carry_break_nothing(seed: int) -> None:
     assert fuzz_target.mutations(0.7, seed) > 20
