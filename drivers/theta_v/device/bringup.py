@@ -77,16 +77,21 @@ async def switch_to_live(transport: UsbTransport, still: StillFunction) -> None:
         if time.monotonic() > deadline:
             raise ThetaTimeout("the camera does not wake up; press its power button")
         await asyncio.sleep(WAKE_PAUSE_S)
-    for code, value in STAY_AWAKE.items():
-        try:
-            await session.set(code, value)
-        except ThetaRefused as error:
-            log.info("%s", error)
+    await stay_awake(session)
     await session.set(Property.CAPTURE_MODE, CaptureMode.LIVE)
     try:
         await session.close()
     except ThetaError as error:
         log.debug("the camera left before the session was closed: %s", error)
+
+
+async def stay_awake(session: PtpSession) -> None:
+    """Forbid sleep and automatic power-off. What this camera refuses is only noted; raises ThetaError else."""
+    for code, value in STAY_AWAKE.items():
+        try:
+            await session.set(code, value)
+        except ThetaRefused as error:
+            log.info("%s", error)
 
 
 async def leave_live(transport: UsbTransport) -> None:

@@ -12,12 +12,14 @@ from typing import Self
 
 from drivers.theta_v.codec.access_units import AccessUnit
 from drivers.theta_v.codec.descriptors import VideoFunction
+from drivers.theta_v.codec.health import Health
 from drivers.theta_v.device import bringup
 from drivers.theta_v.device.collector import AccessUnitHook, Collector
 from drivers.theta_v.device.config import ThetaConfig
 from drivers.theta_v.device.ladder import Ladder, Step
 from drivers.theta_v.device.mailbox import Mailbox
 from drivers.theta_v.device.stats import Link, ThetaStats
+from drivers.theta_v.device.watch import watch
 from drivers.theta_v.errors import ThetaError, ThetaGone, ThetaNotFound, ThetaTimeout
 from drivers.theta_v.transport.base import Identity, PacketSink, UsbTransport
 
@@ -55,6 +57,8 @@ class ThetaV:
         self._reconnects = self._restarts = 0
         self._identity: Identity | None = None
         self._firmware = ""
+        self._health: Health | None = None
+        self._watch: asyncio.Task[None] | None = None
         self._transport: UsbTransport | None = None
         self._gone = asyncio.Event()
         self._reason = ""
@@ -131,6 +135,9 @@ class ThetaV:
             usb_id=f"{who.vendor_id:04x}:{who.product_id:04x}" if who else "",
             width=width,
             height=height,
+            battery_percent=self._health.battery_percent if self._health else None,
+            charging=self._health.charging if self._health else "",
+            faults=self._health.faults if self._health else (),
         )
 
     def _ended(self, task: asyncio.Task[None]) -> None:
@@ -218,6 +225,7 @@ class ThetaV:
         """Stream until the camera is lost. Always ends with a ThetaError."""
         config = self.config
         await self._start(video, agreement)
+        self._begin_watch()
         ladder = Ladder(time.monotonic_ns(), stall_s=config.stall_s, first_picture_s=config.first_picture_s)
         while True:
             with contextlib.suppress(TimeoutError):
@@ -243,6 +251,8 @@ class ThetaV:
         """Take one step of the ladder; returns what is agreed then. Raises ThetaError."""
         transport = self._open_transport()
         await transport.stop_video()
+        if step in (Step.TOGGLE, Step.RESET):
+            await self._end_watch()
         if step is Step.TOGGLE:
             await bringup.leave_live(transport)
             raise ThetaGone("the camera was sent to still mode, to be fetched back")
@@ -253,7 +263,26 @@ class ThetaV:
         if step is not Step.RESTART:
             agreement = await bringup.agree(transport, video, self.config.mode)
         await self._start(video, agreement)
+        if step is Step.RESET:
+            self._begin_watch()
         return agreement
+
+    def _begin_watch(self) -> None:
+        transport = self._open_transport()
+        still = bringup.functions(transport).still
+        if still is not None and self.config.health_s > 0:
+            self._watch = asyncio.create_task(watch(transport, still, self.config.health_s, self._is_well))
+
+    async def _end_watch(self) -> None:
+        task, self._watch = self._watch, None
+        if task is not None:
+            task.cancel()
+            await asyncio.wait([task])
+
+    def _is_well(self, health: Health) -> None:
+        if health.faults and (self._health is None or health.faults != self._health.faults):
+            log.warning("the camera says: %s", ", ".join(health.faults))
+        self._health = health
 
     async def _start(self, video: VideoFunction, agreement: bringup.Agreement) -> None:
         transport, pipe = self._open_transport(), agreement.pipe
@@ -274,6 +303,7 @@ class ThetaV:
 
     async def _let_go(self) -> None:
         """Close the transport whatever state it is in; what it says meanwhile is of no interest."""
+        await self._end_watch()
         transport, self._transport = self._transport, None
         if transport is None:
             return

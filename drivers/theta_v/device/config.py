@@ -40,3 +40,5 @@ class ThetaConfig:
     """First pause before trying again; doubles with each failure."""
     backoff_max_s: float = 5.0
     """A camera plugged in again is found at the latest after this long."""
+    health_s: float = 10.0
+    """How often battery and faults are asked for while streaming; also keeps the camera awake. 0: never."""

@@ -21,7 +21,7 @@ from drivers.theta_v.codec.ptp import (
     decode_value,
     encode_value,
 )
-from drivers.theta_v.errors import ThetaMalformed, ThetaRefused
+from drivers.theta_v.errors import ThetaMalformed, ThetaRefused, ThetaStall
 from drivers.theta_v.transport.base import UsbTransport
 
 SESSION_ID = 1
@@ -100,6 +100,16 @@ class PtpSession:
                 await asyncio.sleep(BUSY_PAUSE_S)
 
     async def _operate(self, operation: int, what: str, *parameters: int, data: bytes | None = None) -> bytes:
+        try:
+            return await self._transact(operation, what, *parameters, data=data)
+        except ThetaStall:
+            # Both pipes may be halted; cleared, they serve the next operation.
+            for endpoint in (self._function.bulk_in, self._function.bulk_out):
+                await self._transport.clear_halt(endpoint.address)
+            self._reader = ContainerReader()
+            raise
+
+    async def _transact(self, operation: int, what: str, *parameters: int, data: bytes | None) -> bytes:
         transaction = self._transaction
         self._transaction += self._transaction > 0
         await self._send(command(operation, transaction, *parameters))

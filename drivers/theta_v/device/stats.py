@@ -53,6 +53,11 @@ class ThetaStats:
     usb_id: str = ""
     width: int = 0
     height: int = 0
+    battery_percent: int | None = None
+    """None until the camera has told."""
+    charging: str = ""
+    faults: tuple[str, ...] = ()
+    """What the camera itself complains about, most urgent first: heat, battery, hardware."""
 
 
 class Meter:

@@ -63,6 +63,8 @@ class PtpResponder:
             playback_formats=PLAYBACK_FORMATS,
         )  # fmt: skip
         self._drowsy = asleep
+        self.busy = 0
+        """How many more questions about properties get DeviceBusy for an answer."""
         self.reset()
 
     def reset(self) -> None:
@@ -91,7 +93,7 @@ class PtpResponder:
             for container in self._reader.feed(data):
                 self._take(container)
         except ThetaMalformed as error:
-            self._halted = True
+            self._halted, self._pending = True, None
             raise ThetaStall(str(error)) from None
 
     def send(self, length: int) -> bytes | None:
@@ -222,6 +224,9 @@ class PtpResponder:
         return Response.OK
 
     def _refusal(self, code: int) -> Response | None:
+        if self.busy:
+            self.busy -= 1
+            return Response.DEVICE_BUSY
         if code not in self.properties:
             return Response.PROPERTY_NOT_SUPPORTED
         if self.properties[Property.SLEEP_MODE].current and code not in WHILE_ASLEEP:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from dataclasses import replace
 
 import pytest
 
 from drivers.theta_v import AccessUnit, Mode, ThetaConfig, ThetaV
+from drivers.theta_v.codec.ptp import Property
 from drivers.theta_v.device.camera import TransportFactory
 from drivers.theta_v.device.stats import Link
 from drivers.theta_v.errors import ThetaGone, ThetaNotFound, ThetaRefused, ThetaWrongDevice
@@ -181,6 +183,32 @@ async def test_under_packet_loss_every_clean_picture_is_as_the_camera_made_it(fr
     assert stats.damaged > 0
     assert stats.lost > 0
     assert stats.tainted > stats.damaged
+
+
+@fronts
+async def test_a_live_camera_is_kept_awake_and_asked_how_it_is(front: Front) -> None:
+    simulated = SimulatedThetaV()
+    simulated.ptp.busy = 5
+    async with front(simulated) as factory:
+        with Feeder(simulated, PICTURES):
+            async with ThetaV(factory, replace(QUICK, health_s=0.05)) as camera:
+                await until(lambda: camera.stats.battery_percent == 98)
+                assert (camera.stats.charging, camera.stats.faults) == ("charging", ())
+                assert simulated.ptp.properties[Property.SLEEP_DELAY_S].current == 0
+                assert simulated.ptp.properties[Property.AUTO_POWER_OFF_S].current == 0
+                simulated.ptp.set(Property.ERROR_INFO, 0x80100008)
+                await until(lambda: len(camera.stats.faults) == 2)
+                assert "too hot" in camera.stats.faults[0]
+                assert camera.stats.tainted == 0
+
+
+async def test_a_camera_that_is_busy_for_ever_streams_without_being_watched() -> None:
+    simulated = SimulatedThetaV()
+    simulated.ptp.busy = 10**9
+    with Feeder(simulated, PICTURES):
+        async with ThetaV(lambda: AttachedTransport(simulated), QUICK) as camera:
+            assert len(await take(camera, 12)) == 12
+            assert camera.stats.battery_percent is None
 
 
 async def test_a_recorder_that_fails_does_not_stop_the_pictures() -> None:

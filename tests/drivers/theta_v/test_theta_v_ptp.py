@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.theta_v.codec import ptp
+from drivers.theta_v.codec.health import Health
 from drivers.theta_v.codec.ptp import (
     COMMAND,
     DATA,
@@ -23,7 +24,11 @@ from drivers.theta_v.codec.ptp import (
     PropertyDescription,
     Response,
 )
+from drivers.theta_v.device.bringup import functions
+from drivers.theta_v.device.ptp_session import PtpSession
 from drivers.theta_v.errors import ThetaMalformed, ThetaStall
+from drivers.theta_v.simulator.attached import AttachedTransport
+from drivers.theta_v.simulator.camera import SimulatedThetaV
 from drivers.theta_v.simulator.ptp import PtpResponder
 
 SET, GET = 0x1016, 0x1015
@@ -167,6 +172,50 @@ def test_what_is_no_ptp_halts_the_endpoints_until_they_are_cleared() -> None:
         host.responder.send(512)
     host.responder.clear_halt()
     assert host.ask(ptp.command(0x1001, 0))[0] == Response.OK
+
+
+async def test_a_halted_pipe_is_cleared_for_the_next_operation() -> None:
+    simulated = SimulatedThetaV()
+    transport = AttachedTransport(simulated)
+    await transport.open(None, lambda _: None)
+    still = functions(transport).still
+    assert still is not None
+    session = PtpSession(transport, still)
+    await session.open()
+    await transport.bulk_out(still.bulk_out.address, ptp.command(SET, 7, 0x5001).encode())
+    with pytest.raises(ThetaStall):
+        await session.get(Property.BATTERY_LEVEL)
+    await session.open()
+    assert await session.get(Property.BATTERY_LEVEL) == 98
+    await transport.close()
+
+
+def test_an_event_fills_its_packet_of_28_bytes() -> None:
+    host = Host()
+    host.responder.set(Property.BATTERY_LEVEL, 50)
+    raw = host.responder.event(28)
+    assert raw is not None
+    (event,) = ContainerReader().feed(raw)
+    assert (event.kind, event.code, event.parameters) == (EVENT, 0x4006, (Property.BATTERY_LEVEL,))
+    longest = Container(EVENT, 0x4006, 0xFFFFFFFF, bytes(16))
+    assert len(longest.encode()) == 28
+    assert ContainerReader().feed(longest.encode()) == [longest]
+
+
+@pytest.mark.parametrize(("bits", "faults"), [
+    (0, ()),
+    (0x1D, ()),
+    (0x80000000, ("its board is too hot, it will switch off",)),
+    (0x00000140, ("it reports unknown faults 0x00000140",)),
+])  # fmt: skip
+def test_faults_are_told_in_words_and_what_does_not_concern_a_stream_is_not(bits: int, faults: tuple[str, ...]) -> None:
+    assert Health(50, 1, bits).faults == faults
+
+
+def test_charging_states_beyond_the_known_are_told_as_they_are() -> None:
+    assert [Health(1, status, 0).charging for status in range(4)] == [
+        "not charging", "charging", "full", "battery status 3",
+    ]  # fmt: skip
 
 
 def test_a_command_container_out_of_range_is_refused() -> None:
