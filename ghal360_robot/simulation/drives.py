@@ -40,6 +40,8 @@ OPERATOR_NS = 50_000_000
 PICTURE_NS = 33_366_700
 ARM_AGAIN_S = 0.5
 """A driver who sees that the robot is not armed presses again after so long."""
+WHEELS = 0.01
+"""Tyres and track are known to a percent once they are calibrated; odometry is off by as much."""
 WORLDS = 100
 """Half of them offices, half homes; drives are numbered so that consecutive ones are in different worlds."""
 PEOPLE = (1, 4)
@@ -145,7 +147,8 @@ class _Run:
         x, y = self.ground.draw(rng)
         self.body = Body(Pose2(x, y, float(rng.uniform(-math.pi, math.pi))))
         self.start = self.body.pose
-        self.base = WiredBase(config.safety.v_max, config.safety.w_max)
+        tyre, track = np.random.default_rng([drive.number, 4]).uniform(1.0 - WHEELS, 1.0 + WHEELS, 2).tolist()
+        self.base = WiredBase(config.safety.v_max, config.safety.w_max, tyre=tyre, track=track)
         self.board = make_board(config, 1e9 / OPERATOR_NS)
         self.safety, self.safety_state = make_safety(config), SafetyState()
         self.lidar = SweepingLidar(self.world, rng)

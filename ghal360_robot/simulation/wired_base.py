@@ -24,10 +24,16 @@ BITMAPS = {f"feedback_bitmap_{n}": bits for n, bits in enumerate(COMPACT_BITMAPS
 
 
 class WiredBase:
-    """One RMP 110 and the driver's half of the conversation with it."""
+    """One RMP 110 and the driver's half of the conversation with it.
 
-    def __init__(self, v_max: float, w_max: float) -> None:
+    `tyre` and `track` are what its parameters say of its tyres and its track, over what is true: odometry and
+    speeds are off by as much, and everybody believes them.
+    """
+
+    def __init__(self, v_max: float, w_max: float, *, tyre: float = 1.0, track: float = 1.0) -> None:
         stored = Stored.of({**RMP110_STORED, **BITMAPS})
+        metal = {"tire_diameter": tyre * stored["tire_diameter"], "track_width": track * stored["track_width"]}
+        stored = stored.with_values(metal)
         self.model = RmpModel(0, stored, boot_s=0.1)
         self.scale = MotionScale(stored["max_velocity"], stored["max_yaw_rate"], v_max, w_max)
         self._track_m = stored["track_width"]

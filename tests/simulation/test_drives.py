@@ -37,7 +37,7 @@ def test_random_drives_go_somewhere() -> None:
     assert sum(outcome.distance_m for outcome in outcomes) > 0.5 * len(NUMBERS)
     assert sum(outcome.moved_s for outcome in outcomes) > 0.4 * sum(outcome.asked_s for outcome in outcomes)
     assert all(outcome.asked_s > 0.6 * SECONDS for outcome in outcomes)
-    assert max(outcome.odometry_off_m for outcome in outcomes) < 0.05
+    assert 0.0 < max(outcome.odometry_off_m for outcome in outcomes) < 0.2
 
 
 def test_a_number_is_a_drive() -> None:

@@ -135,6 +135,18 @@ def test_odometry_of_the_wired_base_follows_the_body() -> None:
     assert math.hypot(body.x, body.y) > 0.5
 
 
+def test_wrong_tyres_make_odometry_wrong_by_as_much() -> None:
+    base, now_ns, x = WiredBase(0.5, 0.8, tyre=1.01), 0, 0.0
+    for _ in range(500):
+        state = base.exchange(now_ns, Twist(0.4, 0.0), drive=True)
+        for _ in range(2):
+            now_ns += STEP_NS
+            base.model.step(now_ns)
+            x += base.twist.v * STEP_NS / 1e9
+    assert x > 3.0
+    assert state.pose.x / x == pytest.approx(1.01, abs=0.004)
+
+
 def test_a_base_that_is_not_to_drive_stops_and_goes_to_standby() -> None:
     base = WiredBase(0.5, 0.8)
     now_ns, modes = 0, []
