@@ -170,7 +170,7 @@ class Tim571Simulator:
         """Finish a revolution every period and send it."""
         end_s = time.monotonic() + self._motor.period_s()
         while True:
-            await _sleep_until(end_s)
+            await _wake_at(end_s)
             sent_s = end_s + transmit_delay_s(self._chance)
             if self.behaviour.reboot_wanted:
                 await self.power_cycle()
@@ -180,7 +180,7 @@ class Tim571Simulator:
                 self._turn = self._finish(end_s)
                 self._turns.append(self._turn)
                 prepared = self._prepare(self._turn)
-                await _sleep_until(sent_s)
+                await _wake_at(sent_s)
                 self._send(prepared)
             end_s += self._motor.period_s()
             if now_s - end_s > BEHIND_S:
@@ -297,7 +297,7 @@ class _Prepared:
     recorded: bytes = b""
 
 
-async def _sleep_until(then_s: float) -> None:
+async def _wake_at(then_s: float) -> None:
     await asyncio.sleep(max(0.0, then_s - time.monotonic()))
 
 
