@@ -154,6 +154,9 @@ async def _probe_camera(
         "damaged": stats.damaged,
         "tainted": stats.tainted,
         "dropped": stats.dropped,
+        "battery_percent": stats.battery_percent,
+        "charging": stats.charging,
+        "faults": list(stats.faults),
         "rate_hz": round(stats.rate_hz, 2),
         "bit_rate": round(stats.bit_rate),
     }
