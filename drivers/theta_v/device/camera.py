@@ -11,7 +11,7 @@ from types import TracebackType
 from typing import Self
 
 from drivers.theta_v.codec.access_units import AccessUnit
-from drivers.theta_v.codec.descriptors import VideoFunction
+from drivers.theta_v.codec.descriptors import BULK, VideoFunction
 from drivers.theta_v.codec.health import Health
 from drivers.theta_v.device import bringup
 from drivers.theta_v.device.collector import AccessUnitHook, Collector
@@ -260,7 +260,7 @@ class ThetaV:
             await transport.reset()
         else:
             await transport.set_interface(video.interface, 0)
-        if step is not Step.RESTART:
+        if step is not Step.RESTART or not agreement.pipe.alternate:
             agreement = await bringup.agree(transport, video, self.config.mode)
         await self._start(video, agreement)
         if step is Step.RESET:
@@ -287,7 +287,8 @@ class ThetaV:
     async def _start(self, video: VideoFunction, agreement: bringup.Agreement) -> None:
         transport, pipe = self._open_transport(), agreement.pipe
         self._collector.restart()
-        await transport.set_interface(video.interface, pipe.alternate)
+        if pipe.alternate:  # a bulk pipe in setting 0 streams from the commit on
+            await transport.set_interface(video.interface, pipe.alternate)
         await transport.start_video(pipe.endpoint, agreement.probe.max_payload_bytes, self._collector.packets)
         self._link = Link.STREAMING
 
@@ -323,4 +324,7 @@ class ThetaV:
         if video is not None:
             await transport.claim(video.interface)
             await transport.set_interface(video.interface, 0)
+            for pipe in video.pipes:
+                if pipe.endpoint.kind == BULK:
+                    await transport.clear_halt(pipe.endpoint.address)
             await transport.release(video.interface)

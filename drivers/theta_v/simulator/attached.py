@@ -7,7 +7,7 @@ import struct
 import threading
 import time
 
-from drivers.theta_v.codec.descriptors import Endpoint
+from drivers.theta_v.codec.descriptors import ISOCHRONOUS, Endpoint
 from drivers.theta_v.codec.payload import Packet
 from drivers.theta_v.errors import ThetaGone, ThetaNotFound, ThetaRefused, ThetaStall, ThetaTimeout, ThetaWrongDevice
 from drivers.theta_v.simulator.camera import Port, SimulatedThetaV
@@ -126,9 +126,15 @@ class AttachedTransport(OpenedCamera):
         if self._thread is not None:
             raise RuntimeError("video is running already")
         self._stop.clear()
+        isochronous = endpoint.kind == ISOCHRONOUS
         self._thread = threading.Thread(
-            target=self._stream,
-            args=(self._open_port(), endpoint.address, endpoint.max_packet_bytes, on_packets),
+            target=self._stream if isochronous else self._read_payloads,
+            args=(
+                self._open_port(),
+                endpoint.address,
+                endpoint.max_packet_bytes if isochronous else payload_bytes,
+                on_packets,
+            ),
             name="theta-attached",
             daemon=True,
         )
@@ -164,6 +170,17 @@ class AttachedTransport(OpenedCamera):
             if packets:
                 on_packets(time.monotonic_ns(), packets)
             start = end if wait_ns > -MAX_BEHIND_NS else time.monotonic_ns()
+
+    def _read_payloads(self, port: Port, endpoint: int, payload_bytes: int, on_packets: PacketSink) -> None:
+        while not self._stop.is_set():
+            try:
+                payload = port.read(endpoint, payload_bytes)
+            except ThetaGone:
+                return  # the watch on the cable tells the driver
+            if payload is None:
+                self._stop.wait(POLL_S)
+            else:
+                on_packets(time.monotonic_ns(), [(0, payload)])
 
     async def _watch_cable(self, port: Port) -> None:
         while port.connected:  # noqa: ASYNC110 the model's own threads do not know this loop

@@ -66,6 +66,7 @@ class SimulatedThetaV:
         firmware: str = "3.50.1",
         asleep: bool = False,
         probe_bytes: int = 48,
+        bulk_video: bool = False,
         reenumeration_s: float = REENUMERATION_S,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
@@ -75,7 +76,8 @@ class SimulatedThetaV:
         self._plan = plan or FaultPlan()
         self._reenumeration_ns = round(reenumeration_s * 1e9)
         self.lock = threading.RLock()
-        self.video = VideoStreaming(self._plan, probe_bytes)
+        self.bulk_video = bulk_video
+        self.video = VideoStreaming(self._plan, probe_bytes, bulk=bulk_video)
         self._composition = composition
         self._present = True
         self.generation = 0
@@ -130,7 +132,9 @@ class SimulatedThetaV:
 
     @property
     def configuration(self) -> bytes:
-        return d.LIVE_CONFIGURATION if self._composition is Composition.LIVE else d.MTP_CONFIGURATION
+        if self._composition is not Composition.LIVE:
+            return d.MTP_CONFIGURATION
+        return d.with_bulk_video(d.LIVE_CONFIGURATION) if self.bulk_video else d.LIVE_CONFIGURATION
 
     def offer(self, access_unit: bytes, keyframe: bool | None = None) -> bool:
         """One H.264 access unit (Annex B, SPS and PPS in key pictures) is ready. False if it was dropped.
@@ -284,8 +288,11 @@ class Port:
                 return self._camera.ptp.send(length)
             if endpoint == d.PTP_EVENTS:
                 return self._camera.ptp.event(length)
-            if endpoint == d.VIDEO_STATUS and self._camera.composition is Composition.LIVE:
-                return None
+            if self._camera.composition is Composition.LIVE:
+                if endpoint == d.VIDEO_STATUS:
+                    return None
+                if endpoint == d.VIDEO and self._camera.bulk_video:
+                    return self._camera.video.payload(length)
             raise ThetaStall(f"no IN endpoint {endpoint:#04x}")
 
     @property
@@ -298,7 +305,8 @@ class Port:
         """`count` microframes of an isochronous endpoint from `start_ns` on; the microphones are silent."""
         with self._camera.lock:
             self._check()
-            if self._camera.composition is not Composition.LIVE or endpoint not in (d.VIDEO, d.AUDIO):
+            live = self._camera.composition is Composition.LIVE
+            if not live or endpoint not in ({d.AUDIO} if self._camera.bulk_video else {d.VIDEO, d.AUDIO}):
                 raise ThetaStall(f"no isochronous endpoint {endpoint:#04x}")
             return self._camera.video.take(count, start_ns) if endpoint == d.VIDEO else Burst(count, [])
 
@@ -364,6 +372,8 @@ class Port:
             case (0x02, 0x01) if setup.value == 0:
                 if setup.index in (d.PTP_IN, d.PTP_OUT):
                     self._camera.ptp.clear_halt()
+                elif setup.index == d.VIDEO and self._camera.bulk_video:
+                    self._camera.video.set_alternate(0)
                 return b""
             case (0x00, 0x05) | (0x00, 0x01) | (0x00, 0x03):
                 return b""  # SET_ADDRESS and device features: nothing a host could see
@@ -385,7 +395,7 @@ class Port:
 
     def _set_interface(self, interface: int, alternate: int) -> None:
         live = self._camera.composition is Composition.LIVE
-        highest = {0: 0, 1: 0, 2: 1, 3: 0, 4: 1} if live else {0: 0}
+        highest = {0: 0, 1: 0, 2: 0 if self._camera.bulk_video else 1, 3: 0, 4: 1} if live else {0: 0}
         if not self._configured or alternate > highest.get(interface, -1):
             raise ProtocolStall(0, f"no alternate setting {alternate} of interface {interface}")
         self._alternates[interface] = alternate

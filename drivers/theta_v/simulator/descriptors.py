@@ -22,6 +22,18 @@ LIVE_CONFIGURATION = bytes.fromhex(
     "2000090404010101022000102401040001010000000433000000000624020103"
     "1807058505ff03040825010000000000"
 )
+_ISO_ALTERNATE = bytes.fromhex("09040201010e020109" + "07058405001401")
+_BULK_ENDPOINT = bytes.fromhex("07058402000200")
+_VIDEO_INTERFACE = bytes.fromhex("09040200000e020109")
+
+
+def with_bulk_video(configuration: bytes) -> bytes:
+    """The same camera with its video on a bulk endpoint of alternate setting 0, as UVC allows: no dump shows it."""
+    video = configuration.replace(_ISO_ALTERNATE, _BULK_ENDPOINT)
+    video = video.replace(_VIDEO_INTERFACE, _VIDEO_INTERFACE[:4] + b"\1" + _VIDEO_INTERFACE[5:])
+    return video[:2] + len(video).to_bytes(2, "little") + video[4:]
+
+
 LIVE_DEVICE = bytes.fromhex("12010002ef020140ca051227000101020301")
 LIVE_QUALIFIER = bytes.fromhex("0a060002ef0201400100")
 

@@ -20,6 +20,7 @@ from drivers.theta_v.simulator.packetiser import PACKET_BYTES, packetise
 from drivers.theta_v.transport.base import MICROFRAME_NS
 
 MAX_WAITING = 4  # pictures the encoder keeps before it drops: the gadget driver's own number of buffers
+BULK_PAYLOAD_BYTES = 16 << 10  # of gadgets seen elsewhere; a THETA with bulk video was never seen
 MAX_PICTURE_BYTES = 8 << 20
 
 INTERVAL_100NS = 333_667
@@ -56,7 +57,7 @@ class ProtocolStall(ThetaStall):
 class VideoStreaming:
     """Not thread-safe; the camera model holds the lock."""
 
-    def __init__(self, plan: FaultPlan, probe_bytes: int) -> None:
+    def __init__(self, plan: FaultPlan, probe_bytes: int, *, bulk: bool = False) -> None:
         if probe_bytes not in BLOCK_BYTES:
             raise ValueError("a probe block has 26, 34 or 48 bytes")
         self.overruns = 0
@@ -64,6 +65,8 @@ class VideoStreaming:
         self.sent = 0
         self.wants_keyframe = False
         self._plan = plan
+        self._bulk = bulk
+        self._payload_bytes = BULK_PAYLOAD_BYTES if bulk else PACKET_BYTES
         self._probe_bytes = probe_bytes
         self._rng = np.random.default_rng(plan.seed)
         self._stalls = sorted((e for e in plan.events if isinstance(e, Stall)), key=lambda s: s.at_s)
@@ -74,7 +77,7 @@ class VideoStreaming:
             frame_index=1,
             interval_100ns=INTERVAL_100NS,
             max_frame_bytes=0x00800000,
-            max_payload_bytes=PACKET_BYTES,
+            max_payload_bytes=self._payload_bytes,
             clock_hz=1000,
             framing=0x03,
             min_version=1,
@@ -92,8 +95,8 @@ class VideoStreaming:
 
     @property
     def demand(self) -> Demand | None:
-        """What is being streamed, or None: nothing streams before commit and alternate setting 1."""
-        if self._committed is None or self.alternate != 1:
+        """What is being streamed, or None: nothing before commit and, where it is isochronous, alternate setting 1."""
+        if self._committed is None or (self.alternate != 1 and not self._bulk):
             return None
         width, height = SIZES[self._committed.frame_index]
         return Demand(width, height, self._committed.interval_100ns / 1e7)
@@ -103,6 +106,8 @@ class VideoStreaming:
             raise ProtocolStall(OUT_OF_RANGE, f"the video interface has no alternate setting {alternate}")
         self._stop()
         self.alternate = alternate
+        if self._bulk:
+            self._committed = None  # with one alternate setting, to select it again is to stop
         if self.demand is not None:
             self.cure(Cure.RESTART)
             self.wants_keyframe = True
@@ -175,8 +180,20 @@ class VideoStreaming:
                 slot += 1
         return Burst(count, out)
 
+    def payload(self, length: int) -> bytes | None:
+        """One bulk transfer's worth of video, or None while there is none; a payload too long for it is cut."""
+        while self._stalled is None:
+            if not self._packets:
+                if not self._waiting:
+                    break
+                self._begin(self._waiting.popleft()[1])
+            packet = self._packets.popleft() if self._packets else None
+            if packet is not None and not packet[0]:
+                return packet[1][:length]
+        return None
+
     def _begin(self, unit: bytes) -> None:
-        packets = packetise(unit, self._fid)
+        packets = packetise(unit, self._fid, packet_bytes=self._payload_bytes)
         self._fid ^= 1
         self.sent += 1
         if self._plan.has_rates:
@@ -215,3 +232,4 @@ class VideoStreaming:
             raise ProtocolStall(OUT_OF_RANGE, "commit of something that was not negotiated")
         self._committed = self._probe
         self.cure(Cure.NEGOTIATE)
+        self.wants_keyframe = self.wants_keyframe or self._bulk

@@ -186,6 +186,21 @@ async def test_under_packet_loss_every_clean_picture_is_as_the_camera_made_it(fr
 
 
 @fronts
+async def test_video_through_a_bulk_endpoint_is_the_same_video(front: Front) -> None:
+    simulated = SimulatedThetaV(bulk_video=True, plan=FaultPlan(events=(Stall(0.3, Cure.RESTART),)))
+    async with front(simulated) as factory:
+        with Feeder(simulated, PICTURES):
+            async with ThetaV(factory, QUICK) as camera:
+                units = await take(camera, 15)
+                await until(lambda: camera.stats.restarts > 0)
+                again = await take(camera, 5)
+    start = PICTURES.index(units[0].raw)
+    assert [u.raw for u in units] == [PICTURES[(start + i) % 30] for i in range(15)]
+    assert not any(u.tainted for u in [*units, *again])
+    assert simulated.demand is None
+
+
+@fronts
 async def test_a_live_camera_is_kept_awake_and_asked_how_it_is(front: Front) -> None:
     simulated = SimulatedThetaV()
     simulated.ptp.busy = 5
