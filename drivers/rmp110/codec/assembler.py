@@ -14,6 +14,10 @@ from drivers.rmp110.codec.frames import FEEDBACK_ID, Frame, unpack_words
 PACKET_TIMEOUT_NS = 20_000_000
 """The longest packet takes 6.5 ms on the bus; the next request comes 20 ms later at the earliest (50 Hz)."""
 
+FRAME_GAP_NS = 8_000_000
+"""Frames of one reply are 0.13 ms apart; what comes later belongs to the next one, 10 ms after at the earliest
+(100 Hz). Without this, halves of two torn packets that happen to fit would make one."""
+
 
 @dataclass(frozen=True, slots=True)
 class Packet:
@@ -71,8 +75,9 @@ class Assembler:
             self._tear()
             return None
         run = self._run
-        age_ns = stamp_ns - run.first_ns
-        if len(run) and (index != len(run) or stamp_ns < run.last_ns or age_ns >= self._timeout_ns):
+        age_ns, gap_ns = stamp_ns - run.first_ns, stamp_ns - run.last_ns
+        in_time = 0 <= gap_ns < FRAME_GAP_NS and age_ns < self._timeout_ns
+        if len(run) and not (index == len(run) and in_time):
             self._tear()
         if index != len(run):
             return None

@@ -56,8 +56,10 @@ class Layout:
     def decode(self, words: Sequence[int]) -> dict[str, float]:
         """Values by name: floats for float words, whole numbers for the others. NaN is not filtered here.
 
-        Words beyond the layout's are ignored; struct.error where there are fewer.
+        Words beyond the layout's are ignored; where there are fewer, so are the last names.
         """
+        if len(words) < len(self.words):
+            return Layout(self.words[: len(words)]).decode(words)
         typed = self._typed.unpack(self._plain.pack(*words[: len(self.words)]))
         return dict(zip(self._names, typed, strict=True))
 

@@ -88,6 +88,16 @@ def test_halves_of_two_packets_do_not_make_one() -> None:
         assert assembler.feed(PACKET_TIMEOUT_NS + k, frame) is None
 
 
+def test_the_end_of_a_late_packet_does_not_complete_the_beginning_of_another() -> None:
+    assembler = Assembler(COUNT)
+    late_ns = 10_000_000
+    for k, frame in enumerate(packet(1)[:3]):
+        assert assembler.feed(k * SPACING_NS, frame) is None
+    for k, frame in enumerate(packet(2)[3:]):
+        assert assembler.feed(late_ns + k * SPACING_NS, frame) is None
+    assert assembler.torn == 1
+
+
 def test_a_reply_of_unknown_length_ends_with_quiet() -> None:
     collector = ReplyCollector()
     for k, frame in enumerate(packet(1, 11)):
