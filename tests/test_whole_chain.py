@@ -22,7 +22,6 @@ from drivers.rmp110.codec.parameters import OperationalState
 from drivers.rmp110.simulator.faults import FaultPlan
 from ghal360_robot.messages import HeadPose, OperatorInput, Twist
 from tests.virtual_time.clock import Clock, virtual_loop
-from tests.virtual_time.known import FUTURE_KEEPS_ALIVE, STOPS_BETWEEN_TICKS_ARE_LOST
 from tests.virtual_time.stage import FAR_M, Hands, Stage, Surround
 
 ODD = [math.nan, math.inf, -math.inf, 1e308, -1e30, 1e-300, -0.0]
@@ -30,7 +29,7 @@ SPEEDS = st.one_of(st.floats(-0.6, 0.6), st.sampled_from([0.5, 0.4, -0.15, 2.0, 
 MOMENTS = st.sampled_from([0.0, 0.01, 0.05, 0.1, 0.3, 0.6])
 PAUSES = st.sampled_from([0.05, 0.15, 0.25, 0.4, 0.9, 1.3, 2.5])
 COUNTS = st.one_of(st.integers(0, 6), st.sampled_from([-1, 10**8, 10**30]))
-SHIFTS = st.sampled_from([-3.0, -0.5, -0.25, -0.1, 0.0, 0.0, 0.05] + [0.5, 10.0] * (not FUTURE_KEEPS_ALIVE))
+SHIFTS = st.sampled_from([-3.0, -0.5, -0.25, -0.1, 0.0, 0.0, 0.05, 0.5, 10.0])
 """Seconds by which a stamp differs from the truth."""
 
 
@@ -72,10 +71,10 @@ class Robot(RuleBasedStateMachine):
         if wrong:
             raise AssertionError("\n".join(wrong[:5]))
 
-    @initialize(v=st.sampled_from([0.5, 0.3, -0.15, 0.0]), w=st.sampled_from([0.0, 0.3, -0.8]))
+    @initialize(v=st.sampled_from([0.5, 0.3, 0.1]), w=st.sampled_from([0.0, 0.3, -0.8]))
     def drives(self, v: float, w: float) -> None:
         self.wait(self.stage.armed_and_driving(Twist(v, w), 1.0))
-        assert self.stage.checker.moving or not (v or w)
+        assert self.stage.checker.moving, "a healthy robot does not drive"
 
     @invariant()
     def nothing_on_the_wire_that_must_not_be(self) -> None:
@@ -149,9 +148,6 @@ class Robot(RuleBasedStateMachine):
         message = OperatorInput(stamp_ns, HeadPose(yaw), deadman, stick, arm, disarm, estop)
         for _ in range(times):
             self.stage.message(message)
-        self.stage.hands.sending = not STOPS_BETWEEN_TICKS_ARE_LOST
-        self.wait(self.stage.run(0.03))
-        self.stage.hands.sending = True
         self.wait(self.stage.run(0.05))
 
     @rule(ring=st.sampled_from([FAR_M, 0.7, 0.5, 0.35, 0.05, 2.0]), seconds=MOMENTS)
@@ -238,7 +234,7 @@ class Robot(RuleBasedStateMachine):
         self.stage.checker.look(self.clock.seconds())
         self.wait(self.stage.run(0.1))
 
-    @rule(v=st.sampled_from([0.5, 0.3, -0.15]), w=st.sampled_from([0.0, 0.5]))
+    @rule(v=st.sampled_from([0.5, 0.3]), w=st.sampled_from([0.0, 0.5]))
     def all_is_well_again(self, v: float, w: float) -> None:
         """Faults off, base on, and the operator starts anew: without this, most examples would stand still."""
         stage, bus = self.stage, self.stage.bus
@@ -270,12 +266,14 @@ COMMON: dict[str, Any] = {
 }
 
 
+@pytest.mark.timeout(600)
 def test_the_wire_stays_within_bounds_whatever_happens() -> None:
     run_state_machine_as_test(
-        Robot, settings=settings(max_examples=25, stateful_step_count=20, derandomize=True, database=None, **COMMON)
+        Robot, settings=settings(max_examples=20, stateful_step_count=15, derandomize=True, database=None, **COMMON)
     )
 
 
 @pytest.mark.campaign
+@pytest.mark.timeout(3600)
 def test_the_wire_stays_within_bounds_over_many_more_and_longer_sequences() -> None:
     run_state_machine_as_test(Robot, settings=settings(max_examples=1500, stateful_step_count=50, **COMMON))

@@ -11,13 +11,14 @@ import struct
 from collections import deque
 from dataclasses import dataclass, field
 
-from tests.virtual_time.known import YOUNG_ARMING_SURVIVES
 from tests.virtual_time.wire import OnWire
 
 MOTION, CONFIG, FIRST, LAST = 0x500, 0x501, 0x502, 0x50C
 """The compact feedback set ends with 0x50C."""
 MODE_REQUEST, TRACTOR, STANDBY = 32, 5, 4
 REPORTED_TRACTOR = 4
+LINEAR_VEL = 11
+"""Twelfth word of the compact set; after it the clockwise turn rate."""
 ALLOWED_CONFIG = {
     0: {0},
     17: {0x7B800F0F},
@@ -109,13 +110,14 @@ class WireChecker:
     """Frames that asked for motion; a run without any proves nothing."""
     _sent_s: deque[float] = field(default_factory=lambda: deque(maxlen=MAX_RATE_HZ + 1))
     _motion: tuple[float, float, float] = (-math.inf, 0.0, 0.0)
+    _measured: tuple[float, float] = (0.0, 0.0)
+    """What the base reported last: a command may take over from there."""
     _moving_s: float = -math.inf
     _packet: list[bytes] = field(default_factory=list)
     _state: int = -1
     _troubled: bool = False
     _base_time_s: float = -math.inf
     _asked_standby_s: float = -math.inf
-    _asked_tractor_s: float = -math.inf
     _excused_s: float = -math.inf
 
     def excuse(self, now_s: float) -> None:
@@ -165,8 +167,6 @@ class WireChecker:
             self._complain(now_s, f"configuration command {number} with 0x{word:X}")
         if number == MODE_REQUEST and word == STANDBY:
             self._asked_standby_s = now_s
-        if number == MODE_REQUEST and word == TRACTOR:
-            self._asked_tractor_s = now_s
         witness = self.witness
         if number == MODE_REQUEST and word == TRACTOR and witness and witness.presses_needed:
             self._complain(now_s, f"TRACTOR without a press after: {witness.why_needed}")
@@ -190,10 +190,16 @@ class WireChecker:
             self._complain(now_s, f"({v:.4f}, {w:.4f}) is beyond the limits")
         before_s, v_before, w_before = self._motion
         dt_s = min(now_s - before_s, DEADLINE_S + TICK_S)
-        for name, value, before, accel in (("v", v, v_before, self.accel), ("w", w, w_before, self.w_accel)):
+        for name, value, before, measured, accel in (
+            ("v", v, v_before, self._measured[0], self.accel),
+            ("w", w, w_before, self._measured[1], self.w_accel),
+        ):
             slower = abs(value) <= abs(before) and value * before >= 0
-            if not slower and abs(value - before) > accel * dt_s * 1.01 + 1e-3:
-                self._complain(now_s, f"{name} from {before:.3f} to {value:.3f} within {dt_s:.3f} s")
+            beyond = max(min(before, measured) - value, value - max(before, measured))
+            if not slower and beyond > accel * dt_s * 1.01 + 1e-3:
+                self._complain(
+                    now_s, f"{name} from {before:.3f} (measured {measured:.3f}) to {value:.3f} within {dt_s:.3f} s"
+                )
 
     def _right_to_move(self, now_s: float, witness: Witness) -> None:
         for name, hold_s in HOLD_S.items():
@@ -225,19 +231,19 @@ class WireChecker:
         self._packet.append(frame.data)
         if frame.can_id != LAST:
             return
-        words = struct.unpack(">4I f 2I", b"".join(self._packet[:3]) + self._packet[3][:4])
+        words = struct.unpack(">4I f 2I f I 4f", b"".join(self._packet)[:52])
         self._packet.clear()
         witness.lives("base", now_s, now_s)
         time_s, state = words[4], words[5]
         troubled = any(words[:4]) or words[6] != 0
         if troubled:
             witness.revoke("the base reported a fault")
-        young = YOUNG_ARMING_SURVIVES and now_s - self._asked_tractor_s < 2.1
-        if time_s < self._base_time_s and not young:
+        if time_s < self._base_time_s:
             witness.revoke("the base was restarted")
-        if self._state == REPORTED_TRACTOR != state and self._asked_standby_s < now_s - 1.0 and not young:
+        if self._state == REPORTED_TRACTOR != state and self._asked_standby_s < now_s - 1.0:
             witness.revoke(f"the base left tractor mode by itself (state {state})")
         self._state, self._troubled, self._base_time_s = state, troubled, time_s
+        self._measured = (words[LINEAR_VEL], -words[LINEAR_VEL + 1])
 
     def _complain(self, now_s: float, what: str) -> None:
         self.violations.append(f"{now_s:.3f}: {what}")

@@ -16,7 +16,6 @@ from ghal360_robot.messages import HeadPose, LidarScan, OperatorInput, Twist
 from tests.virtual_time.chain import OPERATOR_HZ, Chain
 from tests.virtual_time.checker import WireChecker, Witness
 from tests.virtual_time.clock import Clock
-from tests.virtual_time.known import OVERTAKEN_STOPS_ARE_IGNORED
 from tests.virtual_time.wire import OnWire, VirtualBus
 
 FEEDBACK = {f"feedback_bitmap_{n}": word for n, word in enumerate(COMPACT_BITMAPS, start=1)}
@@ -153,13 +152,12 @@ class Stage:
         now_s, stamp_s = self.clock.seconds(), message.stamp_ns / 1e9
         stick = message.stick
         numbers = (message.head.yaw, *((stick.v, stick.w) if stick else ()))
-        sane = all(abs(x) < NONSENSE for x in numbers)
-        in_order = stamp_s > self._newest_message_s
-        first = math.isinf(self._newest_message_s)
         counts = (message.arm_presses, message.disarm_presses, message.estop_presses)
-        heard = not sane or stamp_s >= self._newest_message_s or not OVERTAKEN_STOPS_ARE_IGNORED
-        if heard and all(0 <= count < POSSIBLE_PRESSES for count in counts):
-            self.witness.presses(now_s, *counts, steers=sane, first=first)
+        countable = all(0 <= count < POSSIBLE_PRESSES for count in counts)
+        sane = countable and all(abs(x) < NONSENSE for x in numbers)
+        in_order = stamp_s > self._newest_message_s
+        if countable:  # whatever else is wrong with a message: a stop is a stop
+            self.witness.presses(now_s, *counts, steers=sane, first=math.isinf(self._newest_message_s))
         if sane:
             self.witness.lives("operator", now_s, stamp_s)
             # Only a message in order takes the dead man away: the robot may ignore one that was overtaken.
