@@ -116,7 +116,7 @@ Thresholds = tuple[
 ]
 """From which value on to warn, to slow down, and to stop."""
 
-MAX_HOLD_S = {"operator": 0.25, "lidar": 0.5, "base": 0.5, "video": 1.0, "command": 1.0}
+MAX_HOLD_S = {"operator": 0.25, "lidar": 0.5, "base": 0.25, "video": 1.0, "command": 1.0}
 """Longest silence before the base stands still: 0.3 s from the operator's last sign of life to the wire."""
 
 FootprintDisc = tuple[
@@ -154,7 +154,7 @@ class SafetySection(_Section):
     operator_lost_s: Seconds = Field(1.0, description="Operator silent this long: disarmed")
     lidar_hold_s: Seconds = Field(0.25, description="Three scans missed: zero")
     lidar_lost_s: Seconds = 1.0
-    base_hold_s: Seconds = Field(0.3, description="Feedback missing: zero")
+    base_hold_s: Seconds = Field(0.25, description="Feedback missing: zero")
     base_lost_s: Seconds = 1.0
     video_hold_s: Seconds = Field(0.7, description="Nobody drives on a frozen picture")
     video_lost_s: Seconds = 2.0

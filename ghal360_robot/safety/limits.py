@@ -43,7 +43,7 @@ class SafetyLimits:
     sources: tuple[Source, ...] = SOURCES
     locks: tuple[LockRule, ...] = ()
     deratings: tuple[Rule, ...] = RULES
-    hold_s: tuple[tuple[str, float], ...] = (("operator", 0.2), ("tim571", 0.25), ("rmp110", 0.3), ("theta", 0.7))
+    hold_s: tuple[tuple[str, float], ...] = (("operator", 0.2), ("tim571", 0.25), ("rmp110", 0.25), ("theta", 0.7))
     """Age of an input from which the base stands still."""
     lost_s: tuple[tuple[str, float], ...] = (("operator", 1.0), ("tim571", 1.0), ("rmp110", 1.0), ("theta", 2.0))
     """Age of an input from which the robot is disarmed."""
