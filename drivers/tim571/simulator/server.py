@@ -28,6 +28,7 @@ from drivers.tim571.simulator.words import in_words
 
 SCAN_COUNTER_LEAD = 2  # the scan counter runs ahead of the telegram counter by 2 to 5
 LAST_TOUCH_S = 0.0003  # what the head of a telegram takes on a processor that has just woken
+MOST_WAITING = 0.01  # of a period: a simulator run many times faster than the device has no time for that
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 BEHIND_S = 1.0  # an event loop held up for longer than this loses revolutions, as a real network would
 REMEMBERED_REQUESTS = 256
@@ -210,7 +211,7 @@ class Tim571Simulator:
     def _send(self, prepared: _Prepared) -> None:
         """At the very moment that the transmission tick says."""
         made: dict[tuple[Dialect, str], bytes] = {}
-        sent_s = time.monotonic() + LAST_TOUCH_S
+        sent_s = time.monotonic() + min(LAST_TOUCH_S, MOST_WAITING / self.settings.scan_rate_hz)
         outgoing: list[tuple[Connection, bytes]] = []
         for connection in list(self._connections):
             dialect = connection.client.dialect

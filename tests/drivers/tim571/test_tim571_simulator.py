@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Awaitable, Callable
 from itertools import pairwise
 from pathlib import Path
@@ -19,7 +20,7 @@ from drivers.tim571.codec.dialect import Dialect, frame
 from drivers.tim571.codec.faults import Fault
 from drivers.tim571.geometry import BEAM_YAW, BEAMS
 from drivers.tim571.simulator.behaviour import DeviceSettings
-from drivers.tim571.simulator.faults import FaultPlan, strike
+from drivers.tim571.simulator.faults import FaultPlan, parse_plan, strike
 from drivers.tim571.simulator.recording import read_scans
 from drivers.tim571.simulator.scanner import empty_room, sample
 from drivers.tim571.simulator.server import Tim571Simulator
@@ -383,3 +384,85 @@ async def test_a_world_that_fails_is_not_hidden(terminal: Connect, until: Any) -
     with pytest.raises(ZeroDivisionError, match="the world ends here"):
         async with asyncio.timeout(5):
             await alone
+
+
+def test_a_fault_plan_is_read_from_a_line_or_refused_with_a_sentence() -> None:
+    plan = parse_plan("drop=0.01, bytes=5e-5,jitter_s=0.0001,stall=5+2,power=20+3")
+    wanted = FaultPlan(drop=0.01, byte_error=5e-5, jitter_s=1e-4, stall=(5, 2), power_cycle=(20, 3))
+    assert plan == wanted
+    assert parse_plan("") == FaultPlan()
+    for wrong in ("fire=1", "drop", "drop=2", "drop=nan", "stall=5", "unplug=5+0", "jitter_s=-1", "power=inf+1"):
+        with pytest.raises(ValueError, match="for example"):
+            parse_plan(wrong)
+
+
+def test_bytes_are_hit_in_the_planned_measure() -> None:
+    plan, chance = FaultPlan(byte_error=0.01), Random(3)
+    data = bytes(1000)
+    hit = [sum(map(bool, b"".join(piece.data for piece in strike(plan, chance, data)))) for _ in range(200)]
+    assert sum(hit) / 200_000 == pytest.approx(0.01, rel=0.15)
+
+
+async def test_a_planned_power_cycle_begins_anew(terminal: Connect, until: Any) -> None:
+    faults = FaultPlan(power_cycle=(0.8, 0.05))
+    async with Tim571Simulator(dialect="a", settings=QUICK, faults=faults) as simulator:
+        client = await terminal(simulator.port, Dialect.A)
+        await until(lambda: simulator.newest is not None and simulator.newest.tick_us > 500_000)
+        with pytest.raises((EOFError, ConnectionError)):
+            await client.next()
+        await until(lambda: simulator.newest is not None and simulator.newest.tick_us < 500_000)
+
+
+async def test_the_time_block_is_sent_where_it_is_configured_and_the_device_has_it(terminal: Connect) -> None:
+    for has_it in (True, False):
+        settings = DeviceSettings(scan_rate_hz=100.0, time_block=has_it)
+        async with Tim571Simulator(dialect="b", settings=settings) as simulator:
+            client = await terminal(simulator.port, Dialect.B)
+            await client.login()
+            wanted = OutputContent(time=True)
+            await client.ask(commands.write(Dialect.B, "LMDscandatacfg", *wanted.to_values()))
+            await client.ask(commands.invoke(Dialect.B, "Run"))
+            await client.ask(commands.subscribe(Dialect.B, "LMDscandata"))
+            scan = scandata.decode(await client.next("sSN"))
+        assert (scan.clock is not None) == has_it
+        if scan.clock is not None:
+            since_us = 1_000_000 * scan.clock.second + scan.clock.microsecond
+            assert (scan.clock.year, scan.clock.microsecond % 1000) == (1970, 0)
+            assert 1_000 <= since_us - scan.scan_tick_us <= 4_500
+
+
+async def test_answers_take_as_long_as_a_real_device_takes(terminal: Connect) -> None:
+    async with Tim571Simulator(dialect="b") as simulator:
+        client = await terminal(simulator.port, Dialect.B)
+        for request, least_s in (
+            (commands.read(Dialect.B, "FirmwareVersion"), 0.0011),
+            (commands.invoke(Dialect.B, "SetAccessMode", 3, 0xF4724744), 0.0054),
+            (commands.invoke(Dialect.B, "Run"), 0.0050),
+        ):
+            began_s = time.monotonic()
+            await client.ask(request)
+            assert least_s <= time.monotonic() - began_s < least_s + 0.5
+
+
+async def test_it_tells_in_words_who_asks_what(terminal: Connect) -> None:
+    news: list[str] = []
+    async with Tim571Simulator(dialect="a", on_news=news.append) as simulator:
+        client = await terminal(simulator.port, Dialect.A)
+        for request in (
+            b"sRN SCdevicestate", b"sRI0", b"sMN SetAccessMode 3 F4724745", b"sWN LMPoutputRange 1 D05 0 225510",
+            b"sRN LMPscancfg", b"sRN Nonsense", b"sEN LMDscandata 1", b"sRN LMDscandata",
+        ):  # fmt: skip
+            await client.ask(frame(Dialect.A, request))
+    told = [sentence.split(" ", 1)[1] for sentence in news]
+    assert told[:9] == [
+        "connects",
+        "reads SCdevicestate: ready",
+        "reads index 0: TiM57x V2.60-12.05.20",
+        "calls SetAccessMode: not done",
+        "writes LMPoutputRange: refused, the variable is read-only or needs a login first (sFA A)",
+        "reads LMPscancfg: 15 Hz, -135 to 135 degrees, a beam every 0.333",
+        "reads Nonsense: refused, it does not know the variable (sFA 3)",
+        "subscribes to LMDscandata: on",
+        "reads LMDscandata: a scan",
+    ]
+    assert not any("F4724745" in sentence for sentence in news)
