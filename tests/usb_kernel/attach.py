@@ -18,7 +18,6 @@ class Cable:
     """Plugs the camera in whenever it shows up at its USB/IP server, as a USB port does by itself."""
 
     def __init__(self, host: str, port: int, busid: str = "1-1") -> None:
-        self.plugged_in = 0
         self._address, self._busid = (host, port), busid
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -45,7 +44,6 @@ class Cable:
                 with stream:
                     attach = f"{free_port()} {stream.fileno()} {device.devid} {device.speed}"
                     (VHCI / "attach").write_text(attach, encoding="ascii")
-                self.plugged_in += 1
 
     def _take(self) -> tuple[socket.socket, usbip.Device] | None:
         """Import it, if it is there and free."""
