@@ -18,15 +18,17 @@ import time
 from collections.abc import Iterator
 from contextlib import nullcontext, suppress
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from random import Random
+from typing import Any
 
 import numpy as np
 
-atheris = None
+atheris: Any = None
 if __name__ == "__main__":  # a test that borrows the checks needs no instrumented driver
     with suppress(ImportError):
-        import atheris
+        atheris = import_module("atheris")
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -117,12 +119,12 @@ def seeds() -> Iterator[bytes]:
     """Every command, its answer, and small scans with every block, in both dialects."""
     row = scandata.Channel("DIST1", 1.0, 0.0, -450000, 3333, np.arange(BEAMS, dtype=np.uint16))
     slim = scandata.Channel("RSSI1", 1.0, 0.0, -450000, 3333, np.arange(BEAMS, dtype=np.uint8))
-    plain = {
+    plain: dict[str, Any] = {
         "version": 1, "device": 1, "serial": 17461662, "status": (0, 0), "telegram_counter": 1, "scan_counter": 3,
         "scan_tick_us": 1, "transmit_tick_us": 7001, "inputs": (0, 0), "outputs": (1, 0), "layer": 0,
         "scan_frequency_chz": 1500, "measuring_frequency_100hz": 162, "channels16": (row,),
     }  # fmt: skip
-    full = {
+    full: dict[str, Any] = {
         "encoders": (scandata.Encoder(1, 2),), "channels8": (slim,), "name": "not defined", "comment": "x",
         "position": scandata.Position(0, 0, 0, 0, 0, 0, 1), "clock": scandata.Clock(1970, 1, 1, 0, 0, 0, 0),
         "event": scandata.Event("FDIN", 1, 2, 3),
