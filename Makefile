@@ -36,7 +36,7 @@ drives: $(VENV)/.installed
 fuzz: $(VENV)/.installed
 	$(BIN)/python fuzz/tim571.py --seconds 600
 
-# A simulated day of driving with 3,000 faults on bus and base: about ten minutes on one core.
+# A simulated day of driving with 4,500 faults on bus and base: about ten minutes on one core.
 soak: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.soak --hours 24
 

@@ -174,8 +174,9 @@ class WheelWatch:
         mean_mps = (wheel.speed_mps + self.before.speed_mps) / 2
         step_m = wheel.position_m - self.before.position_m - mean_mps * dt_s
         fastest_mps = max(abs(wheel.speed_mps), abs(self.before.speed_mps))
-        if abs(step_m) > jump_slack_m(fastest_mps, dt_s, time_s, wheel.position_m):
-            return 0.0, math.inf  # the integrators were reset: odometry counts that
+        from_zero = abs(wheel.position_m) <= fastest_mps * (dt_s + AGREE_SKEW_S) and abs(step_m) > AGREE_M / 2
+        if from_zero or abs(step_m) > jump_slack_m(fastest_mps, dt_s, time_s, wheel.position_m):
+            return 0.0, math.inf  # the integrators were reset: odometry counts that where it is no small step
         coarse_m = 2 * ulp32(wheel.position_m)
         slack_m = AGREE_M + fastest_mps * (AGREE_SKEW_S + ulp32(time_s)) + coarse_m
         return self.apart_m * math.exp(-dt_s / AGREE_S) + step_m, slack_m

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from drivers.rmp110.codec.commands import POLL, motion, request_mode
@@ -94,6 +94,7 @@ LIMITS = st.fixed_dictionaries(
 )
 
 
+@example([("reset", -1.0, -1.0, 1), ("lossy", -1.0, -1.0, 21), ("reset", -1.0, -1.0, 1)], {})
 @given(LEGS, st.one_of(st.just({}), LIMITS))
 @settings(max_examples=60, deadline=None)
 def test_nothing_that_an_operator_does_raises_a_false_alarm(
