@@ -60,6 +60,8 @@ class ThetaV:
         self._health: Health | None = None
         self._watch: asyncio.Task[None] | None = None
         self._transport: UsbTransport | None = None
+        self._returning: str | None = None
+        self._returning_until = 0.0
         self._gone = asyncio.Event()
         self._reason = ""
         self._task: asyncio.Task[None] | None = None
@@ -177,7 +179,7 @@ class ThetaV:
 
     async def _connect(self) -> tuple[VideoFunction, bringup.Agreement]:
         """Open, identify and negotiate, by way of live mode if need be. Raises ThetaError."""
-        transport = await self._open(self.config.serial)
+        transport = await self._open(self._wanted_serial())
         found = bringup.functions(transport)
         if found.video is None and found.still is not None:
             serial = transport.identity.serial
@@ -190,6 +192,12 @@ class ThetaV:
         self._firmware = await bringup.firmware(transport, found.still) if found.still else ""
         self._link = Link.CONFIGURING
         return found.video, await bringup.agree(transport, found.video, self.config.mode)
+
+    def _wanted_serial(self) -> str | None:
+        """As configured; after a change of mode the one that is on its way back, for as long as that may take."""
+        if self.config.serial is None and time.monotonic() < self._returning_until:
+            return self._returning
+        return self.config.serial
 
     async def _open(self, serial: str | None) -> UsbTransport:
         self._link = Link.CONNECTING
@@ -255,6 +263,8 @@ class ThetaV:
             await self._end_watch()
         if step is Step.TOGGLE:
             await bringup.leave_live(transport)
+            self._returning = transport.identity.serial or None
+            self._returning_until = time.monotonic() + self.config.reenumeration_s
             raise ThetaGone("the camera was sent to still mode, to be fetched back")
         if step is Step.RESET:
             await transport.reset()

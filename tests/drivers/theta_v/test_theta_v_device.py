@@ -18,6 +18,7 @@ from drivers.theta_v.simulator.attached import AttachedTransport
 from drivers.theta_v.simulator.camera import Composition, SimulatedThetaV
 from drivers.theta_v.simulator.faults import Cure, FaultPlan, PowerCycle, Stall, Unplug
 from drivers.theta_v.simulator.usbip_server import UsbIpServer
+from drivers.theta_v.transport.base import GoneSink
 from drivers.theta_v.transport.libusb import LibUsbTransport
 from drivers.theta_v.transport.usbip import UsbIpTransport
 from tests.drivers.theta_v.fake_usb1 import Machine
@@ -166,6 +167,23 @@ async def test_a_stalled_stream_is_brought_back_by_the_mildest_means(front: Fron
                 )
                 assert (camera.stats.reconnects > 0) == (cure is Cure.TOGGLE)
                 assert not any(u.tainted for u in await take(camera, 3))
+
+
+async def test_a_camera_sent_to_still_mode_is_fetched_back_by_its_serial_number() -> None:
+    asked: list[str | None] = []
+
+    class Listening(AttachedTransport):
+        async def open(self, serial: str | None, on_gone: GoneSink) -> None:
+            asked.append(serial)
+            await super().open(serial, on_gone)
+
+    plan = FaultPlan(events=(Stall(0.1, Cure.TOGGLE),))
+    simulated = SimulatedThetaV(plan=plan, reenumeration_s=0.1)
+    with Feeder(simulated, PICTURES):
+        async with ThetaV(lambda: Listening(simulated), QUICK) as camera:
+            await until(lambda: camera.stats.reconnects > 0 and camera.stats.link is Link.STREAMING)
+    assert asked[0] is None
+    assert set(asked[1:]) == {"00105377"}
 
 
 @fronts
