@@ -24,8 +24,10 @@ def outcome_of(number: int) -> Outcome:
     return run(drive_of(number, SECONDS), RobotConfig())
 
 
-@pytest.mark.xfail(reason="the stop zone does not look behind or at how people move", strict=False)
-@pytest.mark.parametrize("number", NUMBERS)
+BEHIND_THE_TURN = pytest.mark.xfail(reason="whom an arc turns the robot towards counts as left behind", strict=False)
+
+
+@pytest.mark.parametrize("number", [*NUMBERS, pytest.param(139, marks=BEHIND_THE_TURN)])
 def test_a_random_drive_hurts_nobody_and_never_gets_stuck(number: int) -> None:
     outcome = outcome_of(number)
     assert outcome.count(Fault.OWN_MOTION) == 0, outcome
