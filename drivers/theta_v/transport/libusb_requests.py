@@ -48,6 +48,7 @@ async def exchange(
     try:
         transfer.submit()
     except usb1_api.UsbError as error:
+        transfer.close()
         raise usb1_api.translated(error, what) from error
     try:
         async with asyncio.timeout(timeout_s):

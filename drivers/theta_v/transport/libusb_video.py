@@ -102,6 +102,10 @@ class VideoTransfers:
                 transfer.cancel()
         if not self._all_down.wait(REAP_S):
             log.warning("the kernel keeps %d video transfers", self._flying)
+            return
+        self._tables.clear()
+        for transfer in self._transfers:
+            transfer.close()  # with their callbacks they form a circle, and hold megabytes until it is collected
 
     def _submit(self, transfer: Transfer) -> bool:
         """False once the stream is to end: nothing may be in the air that `stop` did not cancel."""

@@ -146,10 +146,13 @@ class FakeHandle:
     def __init__(self, device: FakeDevice) -> None:
         self.device, self.machine, self.port = device, device.machine, device.port
         self.flying: list[FakeTransfer] = []
+        self.transfers = 0
+        """Allocated and not freed."""
         self.auto_detach = False
         self.busy_until_ns = 0
 
     def getTransfer(self, iso_packets: int = 0) -> FakeTransfer:
+        self.transfers += 1
         return FakeTransfer(self, iso_packets)
 
     def getConfiguration(self) -> int:
@@ -202,6 +205,8 @@ class FakeHandle:
             self.complete()
         for interface in [i for i, owner in self.machine.owners.items() if owner is self]:
             self._drop(interface)
+        if self.transfers:
+            self.machine.offences.append(f"{self.transfers} transfers were never freed")
         self.device.context.handles.remove(self)
 
     def complete(self) -> bool:
@@ -252,6 +257,7 @@ class FakeTransfer:
     received: bytearray = field(default_factory=bytearray)
     packets: list[tuple[int, bytearray]] = field(default_factory=list)
     doomed: bool = False
+    closed: bool = False
 
     def setControl(
         self, request_type: int, request: int, value: int, index: int, buffer_or_len: bytes | int,
@@ -297,6 +303,13 @@ class FakeTransfer:
     def doom(self) -> None:
         self.doomed = True
 
+    def close(self) -> None:
+        if self in self.handle.flying:
+            raise ValueError("cannot close a submitted transfer")
+        self.doomed, self.callback, self.kind = True, None, ""
+        self.handle.transfers -= not self.closed
+        self.closed = True
+
     def isSubmitted(self) -> bool:
         return self in self.handle.flying
 
@@ -330,6 +343,8 @@ class FakeTransfer:
     def land(self) -> None:
         if self.callback is not None:
             self.callback(self)
+        if self.doomed:
+            self.close()
 
     def _exchange(self) -> int | None:
         port = self.handle.port
