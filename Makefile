@@ -32,9 +32,12 @@ campaign: $(VENV)/.installed
 drives: $(VENV)/.installed
 	$(BIN)/python benchmarks/drives.py --drives 2000
 
-# Ten minutes of hostile bytes for the lidar driver, guided by coverage; a failing input is left in fuzz/.
+# Ten minutes of hostile bytes each for the lidar's and the camera's codecs, guided by coverage where atheris can be had;
+# a failing input is left in fuzz/.
 fuzz: $(VENV)/.installed
+	-$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[sim,export,dev,fuzz]'
 	$(BIN)/python fuzz/tim571.py --seconds 600
+	$(BIN)/python fuzz/theta_v.py --seconds 600
 
 # A simulated day of driving with 4,500 faults on bus and base: about ten minutes on one core.
 soak: $(VENV)/.installed

@@ -41,9 +41,16 @@ class ThetaSection(_Section):
 
 
 class Tim571Section(_Section):
+    transport: Literal["tcp", "usb"] = Field("tcp", description="usb needs the extra [usb]")
     host: str = Field("192.168.0.1", description="The device's address; 192.168.0.1 as delivered")
     port: Port = Field(2112, description="SOPAS port; 2112 is for measurement data")
+    serial: str = Field("", description="With transport = usb: the one with this serial number; empty takes the first")
     dialect: Literal["auto", "a", "b"] = Field("auto", description="CoLa-A, CoLa-B, or try both")
+    switch_to: Literal["leave", "a", "b"] = Field("leave", description="Have it change its dialect; logs in")
+    rssi: Literal["leave", "off", "8", "16"] = Field(
+        "leave", description="Bits of signal strength in each scan; a change logs in, no scans for half a second"
+    )
+    insist: bool = Field(False, description="No scans rather than scans other than configured")
 
 
 class Rmp110Section(_Section):

@@ -8,14 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from drivers.tim571.codec.commands import OutputContent
-from drivers.tim571.codec.dialect import Dialect
 from drivers.tim571.device.config import TimConfig
 from drivers.tim571.device.probe import probe
 from drivers.tim571.transport.tcp import TcpTransport
 from drivers.tim571.transport.usb import UsbTransport
 from ghal360_robot.errors import UsageError
-from ghal360_robot.hardware.lidar import DIALECTS
+from ghal360_robot.hardware.lidar import CONTENTS, DIALECTS, SWITCHES, TRY_FIRST
 
 if TYPE_CHECKING:
     from drivers.tim571.device.probe import ProbeReport
@@ -23,7 +21,6 @@ if TYPE_CHECKING:
 
 VARIABLES = ("DItype", "DIornr", "LMPscancfg", "EIHstCola", "EIIpAddr", "EImask", "EIgate")
 """Asked besides the identity; a device that does not know one says so."""
-RSSI = {"leave": None, "off": (False, 8), "8": (True, 8), "16": (True, 16)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,21 +42,17 @@ class Way:
         """Raises UsageError."""
         for option, value, known in (
             ("dialect", self.dialect, DIALECTS),
-            ("rssi", self.rssi, RSSI),
+            ("rssi", self.rssi, CONTENTS),
             ("switch", self.switch, SWITCHES),
         ):
             if value not in known:
                 raise UsageError(f"--{option} is one of {', '.join(known)}, not '{value}'")
-        rssi = RSSI[self.rssi]
         return TimConfig(
             dialect=DIALECTS[self.dialect],
-            dialects=(Dialect.A, Dialect.B) if self.usb or self.serial else (Dialect.B, Dialect.A),
-            output=None if rssi is None else OutputContent(rssi=rssi[0], rssi_bits=rssi[1]),
+            dialects=TRY_FIRST["usb" if self.usb or self.serial else "tcp"],
+            output=CONTENTS[self.rssi],
             switch_to=SWITCHES[self.switch],
         )
-
-
-SWITCHES = {"leave": None, "a": Dialect.A, "b": Dialect.B}
 
 
 async def probe_lidar(way: Way, seconds: float) -> dict[str, Any]:
