@@ -123,11 +123,15 @@ async def _probe_camera(
     factory: TransportFactory, config: ThetaConfig, seconds: float, readings: Readings | None
 ) -> dict[str, Any]:
     found = await survey(factory, config.serial) if readings is not None else None
-    hooks = (readings.access_unit, readings.packets) if readings is not None else (None, None)
+    hooks: dict[str, Any] = {}
+    if readings is not None:
+        hooks = {
+            "on_access_unit": readings.access_unit,
+            "on_packets": readings.packets,
+            "on_health": readings.health,
+        }
     async with AsyncExitStack() as stack:
-        camera = await stack.enter_async_context(
-            ThetaV(factory, config, on_access_unit=hooks[0], on_packets=hooks[1], once=True)
-        )
+        camera = await stack.enter_async_context(ThetaV(factory, config, once=True, **hooks))
         pictures = keyframes = size = 0
         until = time.monotonic() + seconds
         units = camera.access_units()

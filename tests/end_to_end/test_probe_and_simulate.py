@@ -81,6 +81,7 @@ def test_a_simulated_camera_is_probed_and_its_stream_saved(tmp_path: Path) -> No
     assert readings["survey"]["negotiation"]["PROBE GET_LEN"] == "3000"
     assert len(readings["survey"]["properties"]) == 49
     assert len((saved / "units.csv").read_text().splitlines()) >= found["pictures"]
+    assert (saved / "health.csv").read_text().splitlines()[1].endswith(",98,1,0x00000000")
     assert (saved / "headers.csv").read_text().splitlines()[1].split(",")[3].startswith("02")
 
 

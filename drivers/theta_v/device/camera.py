@@ -36,9 +36,10 @@ class ThetaV:
     """One THETA, kept streaming until closed: it reconnects for ever and says why in `stats.detail`.
 
     `on_access_unit` hears of every picture before any is dropped, `on_packets` of every batch of packets.
-    They are called in the collecting thread and must return at once. Built with `once`, entering raises
-    ThetaError when there is no stream to be had, and a stream that breaks raises from `access_units`
-    instead of being taken up again.
+    They are called in the collecting thread and must return at once; `on_health` is called on the event
+    loop, whenever the camera was asked how it is. Built with `once`, entering raises ThetaError when there
+    is no stream to be had, and a stream that breaks raises from `access_units` instead of being taken up
+    again.
     """
 
     def __init__(
@@ -48,6 +49,7 @@ class ThetaV:
         *,
         on_access_unit: AccessUnitHook | None = None,
         on_packets: PacketSink | None = None,
+        on_health: Callable[[Health], None] | None = None,
         once: bool = False,
     ) -> None:
         self.config = config or ThetaConfig()
@@ -58,6 +60,7 @@ class ThetaV:
         self._identity: Identity | None = None
         self._firmware = ""
         self._health: Health | None = None
+        self._on_health = on_health
         self._watch: asyncio.Task[None] | None = None
         self._transport: UsbTransport | None = None
         self._returning: str | None = None
@@ -293,6 +296,8 @@ class ThetaV:
         if health.faults and (self._health is None or health.faults != self._health.faults):
             log.warning("the camera says: %s", ", ".join(health.faults))
         self._health = health
+        if self._on_health is not None:
+            self._on_health(health)
 
     async def _start(self, video: VideoFunction, agreement: bringup.Agreement) -> None:
         transport, pipe = self._open_transport(), agreement.pipe

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import time
 import zlib
 from dataclasses import asdict
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any, Self
 
 from drivers.theta_v.codec import h264
 from drivers.theta_v.codec.access_units import AccessUnit
+from drivers.theta_v.codec.health import Health
 from drivers.theta_v.codec.payload import Packet
 from drivers.theta_v.device.survey import Survey
 from drivers.theta_v.errors import ThetaMalformed
@@ -22,9 +24,9 @@ HEADER_BYTES = 24  # of each payload: more than any header has, and the picture'
 
 
 class Readings:
-    """`headers.csv`, `units.csv`, `stream.h264` and `readings.json` in one folder.
+    """`headers.csv`, `units.csv`, `health.csv`, `stream.h264` and `readings.json` in one folder.
 
-    `packets` and `access_unit` are hooks for `ThetaV`: they run in its collecting thread.
+    `packets`, `access_unit` and `health` are hooks for `ThetaV`; the first two run in its collecting thread.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -34,8 +36,11 @@ class Readings:
         self._left_headers, self._left_bytes = MAX_HEADERS, MAX_STREAM_BYTES
         self._header_file = (folder / "headers.csv").open("w", newline="", encoding="ascii")
         self._unit_file = (folder / "units.csv").open("w", newline="", encoding="utf-8")
+        self._health_file = (folder / "health.csv").open("w", newline="", encoding="ascii", buffering=1)
         self._stream = (folder / "stream.h264").open("wb")
         self._headers, self._units = csv.writer(self._header_file), csv.writer(self._unit_file)
+        self._health = csv.writer(self._health_file)
+        self._health.writerow(["stamp_ns", "battery_percent", "battery_status", "error_bits"])
         self._headers.writerow(["stamp_ns", "status", "bytes", "head_hex"])
         self._units.writerow(
             ["sequence", "first_ns", "stamp_ns", "bytes", "crc32", "nal_kinds", "key", "damaged", "taint"]
@@ -47,7 +52,7 @@ class Readings:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        for file in (self._header_file, self._unit_file, self._stream):
+        for file in (self._header_file, self._unit_file, self._health_file, self._stream):
             file.close()
 
     def packets(self, stamp_ns: int, packets: list[Packet]) -> None:
@@ -70,6 +75,10 @@ class Readings:
         if len(unit.raw) <= self._left_bytes:
             self._left_bytes -= len(unit.raw)
             self._stream.write(unit.raw)
+
+    def health(self, health: Health) -> None:
+        bits = f"{health.error_bits:#010x}"
+        self._health.writerow([time.monotonic_ns(), health.battery_percent, health.battery_status, bits])
 
     def conclude(self, survey: Survey, results: dict[str, Any]) -> None:
         text = json.dumps({"survey": asdict(survey), "stream": results}, indent=1)
