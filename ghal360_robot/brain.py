@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from calibration.mounting import wrap
+from ghal360_robot.angles import wrap
 from ghal360_robot.guidance.cueing import CueSettings, CueState, step_cue
 from ghal360_robot.guidance.egocentric import EMPTY, N_WEDGES
 from ghal360_robot.guidance.policy import Policy, make_policy

@@ -6,7 +6,7 @@ import bisect
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from calibration.mounting import wrap
+from ghal360_robot.angles import wrap
 from ghal360_robot.messages import Pose2
 
 if TYPE_CHECKING:

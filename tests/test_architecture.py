@@ -19,6 +19,7 @@ FILES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("
 PURE = (
     "ghal360_robot/messages.py",
     "ghal360_robot/brain.py",
+    "ghal360_robot/angles.py",
     "ghal360_robot/trail.py",
     "ghal360_robot/surroundings.py",
     "ghal360_robot/export/viewport.py",

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ghal360_robot.angles import wrap
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -35,11 +37,6 @@ BORDER_SNAP = 1e-9
 Code = TypeVar("Code", int, NDArray[np.int64])
 
 
-def wrap_angle(angle: float) -> float:
-    """The same direction in [-pi, pi)."""
-    return (angle + math.pi) % math.tau - math.pi
-
-
 def wedge_of(bearing: float) -> int:
     """The wedge 0..7 that a clockwise bearing in radians falls into.
 
@@ -49,12 +46,12 @@ def wedge_of(bearing: float) -> int:
     if not math.isfinite(bearing):
         raise ValueError(f"A bearing must be a finite angle in radians, not {bearing}.")
     # The first modulo keeps bearings of many turns as exact at the borders as those of one.
-    return math.floor(wrap_angle(bearing) / WEDGE_WIDTH + 0.5 + BORDER_SNAP) % N_WEDGES
+    return math.floor(wrap(bearing) / WEDGE_WIDTH + 0.5 + BORDER_SNAP) % N_WEDGES
 
 
 def wedge_centre(wedge: int) -> float:
     """The clockwise bearing of a wedge's centre in [-pi, pi)."""
-    return wrap_angle(wedge * WEDGE_WIDTH)
+    return wrap(wedge * WEDGE_WIDTH)
 
 
 def wedge_offset(origin: int, wedge: int) -> int:
@@ -72,7 +69,7 @@ def sticky_wedge(bearing: float, previous: int | None, margin: float) -> int:
     wedge = wedge_of(bearing)
     if previous is None or wedge == previous:
         return wedge
-    outside = abs(wrap_angle(bearing - wedge_centre(previous))) - WEDGE_WIDTH / 2
+    outside = abs(wrap(bearing - wedge_centre(previous))) - WEDGE_WIDTH / 2
     return wedge if outside > margin else previous
 
 

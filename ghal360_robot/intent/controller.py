@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ghal360_robot.guidance.egocentric import WEDGE_WIDTH, wedge_centre, wrap_angle
+from ghal360_robot.angles import wrap
+from ghal360_robot.guidance.egocentric import WEDGE_WIDTH, wedge_centre
 from ghal360_robot.intent.steering import SteeringSettings, choose_heading
 from ghal360_robot.messages import STILL, Pose2, Twist
 
@@ -60,8 +61,8 @@ def wanted_yaw(intention: int, gaze: float) -> float:
     `intention` is a world wedge, clockwise from x of the frame in which `gaze` is measured.
     """
     centre = -wedge_centre(intention)
-    inside = abs(wrap_angle(gaze - centre)) <= WEDGE_WIDTH / 2
-    return wrap_angle(gaze if inside else centre)
+    inside = abs(wrap(gaze - centre)) <= WEDGE_WIDTH / 2
+    return wrap(gaze if inside else centre)
 
 
 def drive_towards(settings: DriveSettings, heading: float, measured: Twist) -> Twist:
@@ -69,9 +70,9 @@ def drive_towards(settings: DriveSettings, heading: float, measured: Twist) -> T
 
     Forward only as far as the heading is right: full speed straight on, none from `drive_within` off.
     """
-    ahead = wrap_angle(heading) - settings.lead_s * measured.w
+    ahead = wrap(heading) - settings.lead_s * measured.w
     w = max(-settings.w_max, min(settings.w_max, settings.gain * ahead))
-    off = min(abs(wrap_angle(heading)) / settings.drive_within, 1.0)
+    off = min(abs(wrap(heading)) / settings.drive_within, 1.0)
     return Twist(settings.v_max * math.cos(off * math.pi / 2) ** 2 if off < 1.0 else 0.0, w)
 
 
@@ -95,14 +96,14 @@ def step_drive(
         return DriveState(reasons=(CUE_SHOWN,))
     if intention is None or not math.isfinite(gaze - pose.yaw):
         return DriveState(reasons=(NO_INTENTION,))
-    wanted = wrap_angle(wanted_yaw(intention, gaze) - pose.yaw)
+    wanted = wrap(wanted_yaw(intention, gaze) - pose.yaw)
     heading: float | None = wanted
     if points is not None:
-        previous = None if state.course is None else wrap_angle(state.course - pose.yaw)
+        previous = None if state.course is None else wrap(state.course - pose.yaw)
         heading = choose_heading(settings.steering, wanted, points, previous)
     if heading is None:
         return DriveState(reasons=(BLOCKED,))
     twist = drive_towards(settings, heading, measured)
     motion = DRIVING if twist.v > 0 else TURNING
-    evading = abs(wrap_angle(heading - wanted)) > EVADED
-    return DriveState(twist, (motion, EVADING) if evading else (motion,), wrap_angle(heading + pose.yaw))
+    evading = abs(wrap(heading - wanted)) > EVADED
+    return DriveState(twist, (motion, EVADING) if evading else (motion,), wrap(heading + pose.yaw))

@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from ghal360_robot.guidance.egocentric import sticky_wedge, wrap_angle
+from ghal360_robot.angles import wrap
+from ghal360_robot.guidance.egocentric import sticky_wedge
 
 LEFT, STILL, RIGHT = -1, 0, 1
 
@@ -55,15 +56,15 @@ def step_head(settings: HeadSettings, state: HeadState, yaw: float, stamp_ns: in
         return state
     focus = sticky_wedge(-yaw, state.focus, settings.border_margin)
     if state.stamp_ns is None or state.focus is None or stamp_ns - state.stamp_ns > settings.gap_s * 1e9:
-        return HeadState(stamp_ns=stamp_ns, yaw=wrap_angle(yaw), focus=focus)
+        return HeadState(stamp_ns=stamp_ns, yaw=wrap(yaw), focus=focus)
     dt_s = (stamp_ns - state.stamp_ns) / 1e9
-    followed = (1.0 - 0.5 ** (dt_s / settings.half_life_s)) * wrap_angle(yaw - state.yaw)
+    followed = (1.0 - 0.5 ** (dt_s / settings.half_life_s)) * wrap(yaw - state.yaw)
     rate = followed / dt_s
     delta = STILL if abs(rate) < settings.dead_band else LEFT if rate > 0 else RIGHT
     return replace(
         state,
         stamp_ns=stamp_ns,
-        yaw=wrap_angle(state.yaw + followed),
+        yaw=wrap(state.yaw + followed),
         focus=focus,
         evidence=Evidence(delta=delta, focus=focus, origin=state.focus),
     )

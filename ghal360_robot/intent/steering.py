@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ghal360_robot.guidance.egocentric import wrap_angle
+from ghal360_robot.angles import wrap
 
 GRAZE = 1e-6
 """Radians by which an interval is widened, so that a tangent heading touches nothing by rounding."""
@@ -60,7 +60,7 @@ def choose_heading(
     distance = np.hypot(x, y)
     near = distance < max(settings.look_ahead_m) + settings.radius_m + max(settings.margins_m)  # false for NaN
     distance, bearing = distance[near], np.arctan2(y[near], x[near]) - desired
-    loyal = 0.0 if previous is None else wrap_angle(previous - desired)
+    loyal = 0.0 if previous is None else wrap(previous - desired)
     loyalty = 0.0 if previous is None else settings.loyalty
     for margin in settings.margins_m:
         options: list[tuple[float, float]] = []
@@ -72,7 +72,7 @@ def choose_heading(
                     cost = abs(offset) + loyalty * abs(offset - loyal) + detour
                     options += [(cost, offset)]
         if options:
-            return wrap_angle(desired + min(options)[1])
+            return wrap(desired + min(options)[1])
     return None
 
 

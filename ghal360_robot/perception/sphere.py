@@ -62,11 +62,6 @@ def wrap_angle(angle: ArrayLike) -> Floats:
     return np.where(wrapped >= pi, -pi, wrapped)
 
 
-def wrap(angle: float) -> float:
-    """`wrap_angle` for one angle."""
-    return float(wrap_angle(angle))
-
-
 def direction_of_pixel(u: ArrayLike, v: ArrayLike, size: PictureSize, camera_yaw: float = 0.0) -> tuple[Floats, Floats]:
     """Yaw in [-pi, pi) and pitch in the base frame of a point of the picture."""
     yaw = wrap_angle(camera_yaw + pi - np.asarray(u, np.float64) * (tau / size.width))

@@ -9,8 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from ghal360_robot.angles import wrap
 from ghal360_robot.guidance.egocentric import CLUTTER, EMPTY, N_WEDGES, TARGET, egocentric, wedge_of
-from ghal360_robot.perception.sphere import angular_distance, wrap
+from ghal360_robot.perception.sphere import angular_distance
 
 if TYPE_CHECKING:
     from ghal360_robot.messages import Detection, Detections

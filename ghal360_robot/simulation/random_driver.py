@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from ghal360_robot.guidance.egocentric import wrap_angle
+from ghal360_robot.angles import wrap
 from ghal360_robot.intent.controller import DriveSettings, drive_towards
 from ghal360_robot.intent.steering import choose_heading
 from ghal360_robot.messages import STILL, Pose2, Twist
@@ -91,7 +91,7 @@ class RandomDriver:
     def step(self, now_s: float, pose: Pose2, points: NDArray[np.float64]) -> Wish:
         """The wish at an instant; call whenever there is a new scan. `points` (n, 2) are in the base frame."""
         away = math.hypot(pose.x - self._moved.x, pose.y - self._moved.y)
-        turned = abs(wrap_angle(pose.yaw - self._moved.yaw))
+        turned = abs(wrap(pose.yaw - self._moved.yaw))
         if away > MOVED_M or turned > MOVED_RAD or not self._wish.motion:
             self._moved_s, self._moved = now_s, pose
         if now_s >= self._until_s:
@@ -134,13 +134,13 @@ class RandomDriver:
         if left_m < THERE_M or not math.isfinite(left_m):
             self._place = self._next_place()
             return Twist(0.0, 0.4)
-        wanted = wrap_angle(math.atan2(aim[1] - pose.y, aim[0] - pose.x) - pose.yaw)
-        previous = None if self._course is None else wrap_angle(self._course - pose.yaw)
+        wanted = wrap(math.atan2(aim[1] - pose.y, aim[0] - pose.x) - pose.yaw)
+        previous = None if self._course is None else wrap(self._course - pose.yaw)
         heading = choose_heading(self._settings.steering, wanted, points, previous)
         if heading is None:
             self._course = None
             return Twist(0.0, math.copysign(0.4, wanted)) if abs(wanted) > 0.3 else Twist(0.2, 0.0)
-        self._course = wrap_angle(heading + pose.yaw)
+        self._course = wrap(heading + pose.yaw)
         return drive_towards(self._settings, heading, STILL)
 
     def _next_place(self) -> tuple[float, float]:

@@ -11,8 +11,9 @@ from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import TYPE_CHECKING
 
+from ghal360_robot.angles import wrap
 from ghal360_robot.guidance.cueing import uniform
-from ghal360_robot.guidance.egocentric import WEDGE_WIDTH, wrap_angle
+from ghal360_robot.guidance.egocentric import WEDGE_WIDTH
 from ghal360_robot.messages import Cue, HeadPose, OperatorInput, Pose2
 from ghal360_robot.simulation.recollection import Recollection, forget_tries, give_up, remember
 from ghal360_robot.simulation.wayfinding import next_way
@@ -151,7 +152,7 @@ def step(state: OperatorState, sight: Sight, now_ns: int) -> tuple[OperatorState
     approaching = state.doing is Doing.CONFIRMING and sight.view.target_yaw is None
     message = OperatorInput(
         stamp_ns=now_ns,
-        head=HeadPose(wrap_angle(state.gaze + state.wander - pose.yaw), 0.0, state.temper.fov),
+        head=HeadPose(wrap(state.gaze + state.wander - pose.yaw), 0.0, state.temper.fov),
         deadman=sight.armed and (state.doing is Doing.GOING or approaching),
         arm_presses=state.buttons.arm,
         found_presses=state.buttons.found,
@@ -194,14 +195,14 @@ def _follow(state: OperatorState, cue: Cue) -> OperatorState:
 
 def _look_around(state: OperatorState, sight: Sight) -> OperatorState:
     """Saccades with fixations between them, until all that was worth a look has been seen."""
-    if abs(wrap_angle(state.aim - state.gaze)) > 1e-3:
+    if abs(wrap(state.aim - state.gaze)) > 1e-3:
         return state
     if state.now_ns < state.look_until_ns:
         return state
     if state.glances:
         state, pause = _draw(state)
         fixation_s = min(0.2 - 0.4 * math.log(1.0 - pause), 1.0)
-        turn_s = abs(wrap_angle(state.glances[0] - state.gaze)) / state.temper.turn_rate
+        turn_s = abs(wrap(state.glances[0] - state.gaze)) / state.temper.turn_rate
         until_ns = state.now_ns + round((turn_s + fixation_s) * NS)
         return replace(state, aim=state.glances[0], glances=state.glances[1:], look_until_ns=until_ns)
     if not state.looked_around:
@@ -269,20 +270,20 @@ def _keep_looking(state: OperatorState, way: Way, sight: Sight) -> OperatorState
 def _turn(state: OperatorState, dt_s: float) -> OperatorState:
     """Turn the gaze towards the aim, and let it wander a little (Ornstein-Uhlenbeck)."""
     most = state.temper.turn_rate * dt_s
-    turn = max(-most, min(most, wrap_angle(state.aim - state.gaze)))
+    turn = max(-most, min(most, wrap(state.aim - state.gaze)))
     state, noise = _draw(state)
     keep = math.exp(-dt_s / WANDER_S)
     spread = state.temper.jitter * math.sqrt(max(0.0, 1.0 - keep * keep))
     # A uniform draw of the same variance: the gaze has no tails.
     wander = keep * state.wander + spread * math.sqrt(12.0) * (noise - 0.5)
-    return replace(state, gaze=wrap_angle(state.gaze + turn), wander=wander)
+    return replace(state, gaze=wrap(state.gaze + turn), wander=wander)
 
 
 def _watch_motion(state: OperatorState, sight: Sight) -> OperatorState:
     """Notice how long the robot has been standing although it should go."""
     pose, then = sight.view.pose, state.still_pose
     moved = math.hypot(pose.x - then.x, pose.y - then.y) > STILL_M
-    turned = abs(wrap_angle(pose.yaw - then.yaw)) > STILL_YAW
+    turned = abs(wrap(pose.yaw - then.yaw)) > STILL_YAW
     if moved or turned or state.doing is not Doing.GOING or not sight.armed:
         return replace(state, still_pose=pose, still_since_ns=state.now_ns)
     return state

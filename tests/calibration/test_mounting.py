@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibration.mounting import LidarMount, median_of_three, scan_points, wrap
+from calibration.mounting import LidarMount, median_of_three, scan_points
 
 YAW = np.radians(np.linspace(-135, 135, 811)).astype(np.float32)
 
@@ -59,11 +59,3 @@ def test_the_median_is_that_of_three_neighbours(values: list[float]) -> None:
     ranges = np.array(values, np.float32)
     expected = [float(np.median(ranges[i - 1 : i + 2])) for i in range(1, len(ranges) - 1)]
     assert median_of_three(ranges)[1:-1].tolist() == pytest.approx(expected)
-
-
-@given(st.floats(-100, 100))
-def test_wrapping_keeps_the_direction_and_lands_in_one_turn(angle: float) -> None:
-    wrapped = wrap(angle)
-    assert -math.pi < wrapped <= math.pi
-    assert math.cos(wrapped) == pytest.approx(math.cos(angle), abs=1e-9)
-    assert math.sin(wrapped) == pytest.approx(math.sin(angle), abs=1e-9)

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ghal360_robot.angles import wrap
 from ghal360_robot.guidance.egocentric import (
     N_CODES,
     decode,
@@ -21,7 +22,6 @@ from ghal360_robot.guidance.egocentric import (
     wedge_distance,
     wedge_of,
     wedge_offset,
-    wrap_angle,
 )
 
 codes = st.integers(0, N_CODES - 1)
@@ -52,12 +52,12 @@ def test_a_bearing_that_is_not_finite_is_refused(bearing: float) -> None:
 
 @given(st.floats(-1e4, 1e4))
 def test_a_bearing_is_at_most_half_a_wedge_from_the_centre_of_its_wedge(bearing: float) -> None:
-    assert abs(wrap_angle(bearing - wedge_centre(wedge_of(bearing)))) <= math.pi / 8 + 1e-8
+    assert abs(wrap(bearing - wedge_centre(wedge_of(bearing)))) <= math.pi / 8 + 1e-8
 
 
 @given(st.floats(-1e6, 1e6))
 def test_wrapping_keeps_the_direction_and_stays_below_pi(angle: float) -> None:
-    wrapped = wrap_angle(angle)
+    wrapped = wrap(angle)
     assert -math.pi <= wrapped < math.pi
     assert math.isclose(math.cos(wrapped), math.cos(angle), abs_tol=1e-8)
     assert math.isclose(math.sin(wrapped), math.sin(angle), abs_tol=1e-8)

@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ghal360_robot.angles import wrap
 from ghal360_robot.guidance.egocentric import BOTH, CLUTTER, TARGET, wedge_of
 from ghal360_robot.messages import Detection, Detections
-from ghal360_robot.perception.sphere import angular_distance, wrap
+from ghal360_robot.perception.sphere import angular_distance
 from ghal360_robot.perception.wedges import SceneSettings, SceneState, scene, step_scene
 
 SETTINGS = SceneSettings()

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from ghal360_robot.angles import wrap
 from ghal360_robot.perception.sphere import (
     PictureSize,
     PixelBox,
@@ -21,7 +22,6 @@ from ghal360_robot.perception.sphere import (
     pixel_of_direction,
     sphere_box,
     unit_vector,
-    wrap,
     wrap_angle,
 )
 
