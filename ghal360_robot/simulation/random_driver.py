@@ -31,8 +31,8 @@ HOLD_S = (0.5, 3.0)
 WILD = (math.nan, math.inf, -math.inf, 1e30, -1e30, 7.0, -7.0, 1e5, -1e5, 5e-324, -0.0)
 """What no finger asks for, and what a broken client might send."""
 IMPATIENT_S = 3.0
-"""Who is not moved by 5 cm or 10 degrees for so long tries something else."""
-MOVED_M, MOVED_RAD = 0.05, math.radians(10.0)
+"""Who has not got this far in so long tries something else, and goes on trying until then."""
+MOVED_M, MOVED_RAD = 0.15, math.radians(20.0)
 TRY_S = 1.0
 TRIES = (
     Twist(0.0, 0.6),
