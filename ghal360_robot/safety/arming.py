@@ -101,8 +101,9 @@ def _presses(
         return arming, frozenset(), False
     counts = (operator.arm_presses, operator.disarm_presses, operator.estop_presses)
     seen = (arming.arm_seen or 0, arming.disarm_seen, arming.estop_seen)
-    fell = any(now < before for now, before in zip(counts, seen, strict=True))
-    another = fell or operator.holder != arming.holder
+    same = operator.holder == arming.holder
+    fell = same and any(now < before for now, before in zip(counts, seen, strict=True))
+    another = fell or not same
     replaced = another and arming.arm_seen is not None
     fell_ns = now_ns if fell else arming.fell_ns
     unsettled = fell_ns is not None and now_ns - fell_ns < SETTLE_NS

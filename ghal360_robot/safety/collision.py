@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ghal360_robot.messages import STILL, Twist
+from ghal360_robot.safety.footprint import Disc, disc_velocity
 from ghal360_robot.safety.limits import OLDEST_S
 from ghal360_robot.safety.memory import Memory, known_free
 from ghal360_robot.safety.mux import TELEOP
@@ -75,14 +76,19 @@ class Monitor:
             return wanted, ()
         return (turn if wanted.v and not self._blind(turn) else STILL), (why,)
 
+    def _way_m(self, disc: Disc, twist: Twist) -> float:
+        """How far a part of the robot moves until it stands, from the faster of what is wanted and what is done."""
+        speed = max(math.hypot(*disc_velocity(disc, twist)), math.hypot(*disc_velocity(disc, self._measured)))
+        return stopping_m(speed, self.limits.decel, self.limits.reaction_s)
+
     def _blind(self, twist: Twist) -> str:
         """Why this motion would lead into unseen ground; empty where it does not."""
         seen = self.inputs.surroundings
         if seen is None:
             return "no scan"
-        speed = max(abs(self._measured.v), abs(twist.v))
-        way_m = stopping_m(speed, self.limits.decel, self.limits.reaction_s)
-        hidden = out_of_sight(seen, twist, self.limits.footprint, way_m)
+        hidden = out_of_sight(
+            seen, twist, self.limits.footprint, [self._way_m(d, twist) for d in self.limits.footprint]
+        )
         if not hidden:
             return ""
         word = "backwards" if twist.v < 0.0 else "curve" if twist.v else "turning"

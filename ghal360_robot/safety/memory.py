@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibration.mounting import wrap
+from ghal360_robot.angles import wrap
 from ghal360_robot.safety import people as crowd
 from ghal360_robot.safety.people import Person
 from ghal360_robot.safety.sight import MIDDLE_NS, Look, look, seen_free
@@ -32,6 +32,9 @@ LOOKS = 18
 
 THIN = 2
 """Every second return is enough to see somebody by: a leg 3 m away is four of them wide."""
+
+PAST_NS, PAST = 500_000_000, 16
+"""Of older scans one in so long is kept, and so many of them: ground that was seen free."""
 
 DRIVEN_M, DRIVEN_RAD, DRIVEN = 0.05, 0.1, 128
 """A place on the robot's own way is noted every so far, and so many of them are kept."""
@@ -75,6 +78,8 @@ class Memory:
 
     trail: Trail = Trail()
     looks: tuple[Look, ...] = ()
+    past: tuple[Look, ...] = ()
+    """Every so often one of them, kept for longer."""
     people: tuple[Person, ...] = ()
     driven: tuple[Place, ...] = ()
     scene: Scene | None = None
@@ -90,7 +95,7 @@ def remember(memory: Memory, inputs: Inputs, limits: SafetyLimits) -> Memory:
         if stamps and _jumped(memory.trail, base):
             memory = Memory()
         driven = _driven(memory.driven, base, limits.ground_memory_s)
-        memory = Memory(memory.trail.extended(base), memory.looks, memory.people, driven, memory.scene)
+        memory = Memory(memory.trail.extended(base), memory.looks, memory.past, memory.people, driven, memory.scene)
     if around is None or (memory.scene is not None and around.stamp_ns == memory.scene.stamp_ns):
         return memory
     return _taken_in(memory, around, base.twist.w, limits)
@@ -117,7 +122,7 @@ def known_free(memory: Memory, points: Floats, radius: float, now_ns: int) -> ND
         places = np.array([(place.pose.x, place.pose.y) for place in memory.driven])
         apart = np.hypot(there[:, :1] - places[:, 0], there[:, 1:] - places[:, 1])
         known |= apart.min(axis=1) <= radius
-    for past in memory.looks:
+    for past in (*memory.past, *memory.looks):
         known |= seen_free(past, there)
     return known
 
@@ -145,7 +150,11 @@ def _taken_in(memory: Memory, around: Surroundings, turning: float, limits: Safe
     ahead = "" if fault else blind_ahead(around)
     first = len(parts[0])
     scene = Scene(stamp_ns, np.concatenate(parts), first, first + len(parts[1]), fault, ahead)
-    return Memory(memory.trail, (*looks[1 - LOOKS :], look(around, pose, turning)), people, memory.driven, scene)
+    seen = look(around, pose, turning)
+    past = tuple(old for old in memory.past if stamp_ns - old.stamp_ns <= limits.ground_memory_s * 1e9)
+    if not past or stamp_ns - past[-1].stamp_ns >= PAST_NS:
+        past = (*past[1 - PAST :], seen)
+    return Memory(memory.trail, (*looks[1 - LOOKS :], seen), past, people, memory.driven, scene)
 
 
 def _driven(driven: tuple[Place, ...], base: BaseState, driven_s: float) -> tuple[Place, ...]:

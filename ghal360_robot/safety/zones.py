@@ -43,8 +43,9 @@ BERTH_M = 0.25
 LEAST = 0.03
 """m/s: slower is not worth creaking for; the robot stops."""
 
-RELEASE = 0.08
-"""m/s: once stopped it starts again only when it may go this fast, or it would start and stop for ever."""
+RELEASE = 0.09
+"""m/s, less than the crawl: once stopped it starts again only when it may go this fast, or it would start and stop
+with the noise of every scan."""
 
 
 class Verdict(NamedTuple):
@@ -120,8 +121,9 @@ def limit(
     only turns. `stopped` is the direction (+1, -1) in which it had to stop before, 0 for none.
     """
     first = judge(around, wanted, limits, measured)
-    least = RELEASE if stopped * wanted.v > 0.0 else LEAST
-    if first.share >= 1.0 and (least is LEAST or first.share * abs(wanted.v) >= least):
+    again = stopped * wanted.v > 0.0
+    least = RELEASE if again else LEAST
+    if first.share >= 1.0 and not (again and first.share * abs(wanted.v) < least):
         return wanted, first
     share = min(first.share, 1.0)
     if share * abs(wanted.v) >= least:

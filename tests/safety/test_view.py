@@ -1,0 +1,116 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibration.mounting import LidarMount
+from ghal360_robot.messages import LidarScan, Twist
+from ghal360_robot.safety.footprint import Disc
+from ghal360_robot.safety.view import blind_ahead, out_of_sight, scan_fault
+from ghal360_robot.surroundings import look_around
+from tests.safety.conftest import YAW, around, scan
+
+ROUND = (Disc(0.0, 0.0, 0.4),)
+LONG = (Disc(0.0, 0.0, 0.3), Disc(-0.5, 0.0, 0.3))
+WHOLE = around(scan(3.0))
+
+
+def ranges(default: float, **parts: float) -> np.ndarray:
+    """A scan whose first, `n`th.. beams are others: `at_400_10=0.1` sets ten beams from the 400th on."""
+    values = np.full(811, default, np.float32)
+    for name, value in parts.items():
+        _, first, count = name.split("_")
+        values[int(first) : int(first) + int(count)] = value
+    return values
+
+
+def test_a_scan_that_sees_something_says_something() -> None:
+    assert scan_fault(WHOLE, ROUND) == ""
+
+
+@pytest.mark.parametrize(("seen", "fault"), [(40, "lidar sees nothing: covered?"), (41, "")])
+def test_a_lidar_that_gets_hardly_any_beam_back_is_covered(seen: int, fault: str) -> None:
+    assert scan_fault(around(scan(ranges(np.nan, **{f"at_300_{seen}": 3.0}))), ROUND) == fault
+
+
+@pytest.mark.parametrize(("beams", "fault"), [(15, "the scan has too few beams"), (16, "")])
+def test_a_scan_of_a_few_beams_is_none(beams: int, fault: str) -> None:
+    some = LidarScan(0, np.full(beams, 3.0, np.float32), YAW[:beams], 0, 0, 0)
+    assert scan_fault(look_around(some, LidarMount()), ROUND) == fault
+
+
+@pytest.mark.parametrize(("beams", "dirty"), [(24, False), (25, True)])
+def test_returns_from_inside_the_outline_are_dirt_on_the_window(beams: int, dirty: bool) -> None:
+    near = around(scan(ranges(3.0, **{f"at_400_{beams}": 0.1})))
+    assert ("window dirty" in scan_fault(near, ROUND)) is dirty
+    assert scan_fault(around(scan(ranges(3.0, at_400_100=0.16))), ROUND) == ""  # within 5 cm of the rim
+    assert scan_fault(near, (Disc(-0.5, 0.0, 0.3),)) == ""
+    assert ("window dirty" in scan_fault(near, (Disc(-0.5, 0.0, 0.3), *ROUND))) is dirty
+    assert scan_fault(near, (Disc(0.3, 0.0, 0.04),)) == ""
+
+
+def test_a_scan_that_looks_elsewhere_says_nothing_about_the_way_ahead() -> None:
+    elsewhere = "the scan does not cover the way ahead"
+    assert blind_ahead(WHOLE) == ""
+    assert blind_ahead(replace(WHOLE, bearings=WHOLE.bearings + math.pi)) == elsewhere
+    for half in (WHOLE.bearings < 0, WHOLE.bearings > 0, np.abs(WHOLE.bearings) > 2.0):
+        assert blind_ahead(replace(WHOLE, bearings=WHOLE.bearings[half], ranges=WHOLE.ranges[half])) == elsewhere
+    enough = np.abs(WHOLE.bearings) < math.radians(46)
+    assert blind_ahead(replace(WHOLE, bearings=WHOLE.bearings[enough], ranges=WHOLE.ranges[enough])) == ""
+
+
+def test_echoes_beside_and_behind_do_not_make_up_for_none_ahead() -> None:
+    values = ranges(np.nan, at_0_150=2.0, at_661_150=2.0)
+    assert blind_ahead(around(scan(values))) == "lidar sees nothing ahead: covered?"
+    values[400:414] = 2.0  # of 300 beams within 50 degrees
+    assert blind_ahead(around(scan(values))) == "lidar sees nothing ahead: covered?"
+    values[400:416] = 2.0
+    assert blind_ahead(around(scan(values))) == ""
+
+
+@pytest.mark.parametrize("twist", [Twist(0.5, 0.0), Twist(0.2, 0.8), Twist(0.2, -0.8), Twist(0.0, 0.8)])
+def test_forwards_and_turning_a_round_robot_goes_where_its_lidar_looks(twist: Twist) -> None:
+    assert out_of_sight(WHOLE, twist, ROUND, [0.3]) == []
+
+
+def test_backwards_it_goes_where_the_lidar_is_blind() -> None:
+    hidden = out_of_sight(WHOLE, Twist(-0.1, 0.0), ROUND, [0.1])
+    assert (pytest.approx(-0.6), pytest.approx(0.0, abs=1e-9)) in hidden
+    assert all(x < -0.25 for x, _ in hidden)
+    assert all(abs(math.atan2(y, x - 0.2)) > math.radians(135) for x, y in hidden)
+    assert all(math.hypot(x, y) > 0.4 for x, y in hidden)
+
+
+def test_what_the_robot_stands_on_need_not_be_seen() -> None:
+    backwards = Twist(-0.1, 0.0)
+    assert len(out_of_sight(WHOLE, backwards, ROUND, [0.0])) == 5
+    shadowed = (*ROUND, Disc(-0.35, 0.0, 0.4))
+    hidden = out_of_sight(WHOLE, backwards, shadowed, [0.0, 0.0])
+    assert hidden
+    assert all(math.hypot(x + 0.35, y) > 0.45 for x, y in hidden)
+    assert out_of_sight(WHOLE, backwards, ROUND, [-0.049]) == [(pytest.approx(-0.451), pytest.approx(0.0))]
+    assert out_of_sight(WHOLE, backwards, ROUND, [-0.051]) == []
+
+
+def test_a_long_robot_sweeps_blind_ground_when_it_turns() -> None:
+    left = out_of_sight(WHOLE, Twist(0.0, 0.5), LONG, [0.1, 0.1])
+    right = out_of_sight(WHOLE, Twist(0.0, -0.5), LONG, [0.1, 0.1])
+    assert left
+    assert all(y < 0 for _, y in left)
+    assert np.array(right) * (1, -1) == pytest.approx(np.array(left)[::-1])
+
+
+@pytest.mark.parametrize("mount", [LidarMount(upside_down=True), LidarMount(yaw=0.1), LidarMount(x=-0.2)])
+def test_what_is_in_sight_follows_the_mounting(mount: LidarMount) -> None:
+    seen = look_around(scan(3.0), mount)
+    assert out_of_sight(seen, Twist(0.5, 0.0), ROUND, [0.3]) == []
+    assert out_of_sight(seen, Twist(-0.1, 0.0), ROUND, [0.1]) != []
+
+
+def test_a_lidar_that_looks_backwards_lets_the_robot_back_and_not_drive() -> None:
+    seen = look_around(scan(3.0), LidarMount(x=-0.2, yaw=math.pi))
+    assert out_of_sight(seen, Twist(-0.1, 0.0), ROUND, [0.1]) == []
+    assert out_of_sight(seen, Twist(0.1, 0.0), ROUND, [0.1]) != []

@@ -1,0 +1,256 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ghal360_robot.messages import STILL, Twist
+from ghal360_robot.safety.footprint import Disc
+from ghal360_robot.safety.limits import SafetyLimits
+from ghal360_robot.safety.zones import (
+    CRAWL,
+    LEAST,
+    RELEASE,
+    Around,
+    approachable,
+    judge,
+    limit,
+    stoppable,
+    stopping_m,
+)
+
+LIMITS = SafetyLimits()
+NONE = np.zeros((0, 2))
+AHEAD = Twist(0.5, 0.0)
+TRACTOR = SafetyLimits(footprint=(Disc(0.0, 0.0, 0.3), Disc(-0.5, 0.0, 0.3)))
+"""A robot that is longer behind than in front."""
+
+
+def things(*at: tuple[float, float]) -> Around:
+    return Around(np.array(at, float).reshape(-1, 2), NONE, NONE)
+
+
+def resting(*at: tuple[float, float]) -> Around:
+    points = np.array(at, float).reshape(-1, 2)
+    return Around(points, points, NONE)
+
+
+def walking(*at: tuple[float, float]) -> Around:
+    points = np.array(at, float).reshape(-1, 2)
+    return Around(points, NONE, points)
+
+
+def wall(free_m: float) -> Around:
+    """Straight across the way, `free_m` in front of the margin."""
+    return Around(np.column_stack((np.full(61, 0.44 + free_m), np.linspace(-1.5, 1.5, 61))), NONE, NONE)
+
+
+def needed_m(speed: float) -> float:
+    return speed * 0.25 + speed**2
+
+
+def test_the_formulas_are_each_others_inverse() -> None:
+    for speed in (0.05, 0.2, 0.5, 1.0):
+        room_m = stopping_m(speed, 0.5, 0.25)
+        assert room_m == pytest.approx(speed * 0.25 + speed**2 / 1.0)
+        assert stoppable(room_m, 0.5, 0.25) == pytest.approx(speed)
+        assert stopping_m(-speed, 0.5, 0.25) == pytest.approx(room_m)
+        apart_m = 1.2 * (0.25 + speed / 0.5) + room_m
+        assert approachable(apart_m, 0.5, 0.25, 1.2) == pytest.approx(speed)
+    assert stoppable(-1.0, 0.5, 0.25) == 0.0
+    assert approachable(0.29, 0.5, 0.25, 1.2) == pytest.approx(0.0, abs=1e-12)
+    assert approachable(-5.0, 0.5, 0.25, 1.2) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_slowing_down_to_a_pace_needs_the_difference_only() -> None:
+    assert stoppable(0.0, 0.5, 0.25, 0.3) == pytest.approx(0.3)
+    room_m = (0.5 - 0.3) * 0.25 + (0.5**2 - 0.3**2) / 1.0
+    assert stoppable(room_m, 0.5, 0.25, 0.3) == pytest.approx(0.5)
+
+
+def test_in_the_open_everything_is_allowed_and_nothing_named() -> None:
+    twist, verdict = limit(things((5.0, 0.0)), AHEAD, LIMITS, AHEAD)
+    assert twist == AHEAD
+    assert verdict.free_m == math.inf
+    assert verdict.at is None
+    assert limit(things(), AHEAD, LIMITS, AHEAD)[0] == AHEAD
+
+
+@pytest.mark.parametrize("free_m", [0.11, 0.15, 0.3, 0.45])
+def test_a_wall_is_approached_so_that_the_robot_can_stop_a_standoff_before_it(free_m: float) -> None:
+    twist, verdict = limit(wall(free_m), AHEAD, LIMITS, STILL)
+    if twist.v:
+        assert needed_m(twist.v) == pytest.approx(free_m - 0.1)
+    else:
+        assert stoppable(free_m - 0.1, 0.5, 0.25) < LEAST
+    assert twist.w == 0.0
+    assert verdict.free_m == pytest.approx(free_m, abs=1e-3)
+    assert verdict.at == pytest.approx((0.44 + free_m, 0.0))
+    assert not verdict.person
+
+
+def test_a_wall_further_away_than_full_speed_needs_is_nothing_yet() -> None:
+    assert limit(wall(0.476), AHEAD, LIMITS, AHEAD)[0] == AHEAD
+    assert limit(wall(0.474), AHEAD, LIMITS, STILL)[0].v < 0.5
+
+
+def test_what_the_measured_speed_cannot_stop_before_any_more_is_a_full_stop() -> None:
+    fast = Twist(0.4, 0.0)
+    assert limit(wall(needed_m(0.4) - 0.001), Twist(0.2, 0.0), LIMITS, fast)[0] == STILL
+    assert limit(wall(needed_m(0.4) + 0.001), Twist(0.2, 0.0), LIMITS, fast)[0] == Twist(0.2, 0.0)
+    backwards = Twist(-0.4, 0.0)
+    assert limit(wall(needed_m(0.4) - 0.001), Twist(0.2, 0.0), LIMITS, backwards)[0] == Twist(0.2, 0.0)
+
+
+def test_things_beside_the_way_are_passed_slowly_and_things_further_off_are_not() -> None:
+    near, far = things((0.0, 0.51), (0.8, -0.51)), things((0.0, 0.53), (0.8, -0.53))
+    assert limit(far, AHEAD, LIMITS, AHEAD)[0] == AHEAD
+    twist, verdict = limit(near, AHEAD, LIMITS, AHEAD)
+    gap_m = 0.8 - math.sqrt(0.52**2 - 0.51**2)
+    assert twist.v == pytest.approx(stoppable(gap_m, 0.5, 0.25, 0.3)) if gap_m < 0.21 else twist == AHEAD
+    twist, verdict = limit(things((0.2, -0.51)), AHEAD, LIMITS, AHEAD)
+    assert 0.3 < twist.v < 0.45
+    assert verdict.at == pytest.approx((0.2, -0.51))
+    assert limit(things((0.09, -0.51)), AHEAD, LIMITS, AHEAD)[0].v == pytest.approx(0.3)
+    assert limit(things((0.09, -0.51)), Twist(0.25, 0.0), LIMITS, AHEAD)[0].v == 0.25
+
+
+def test_a_door_of_one_metre_ten_is_passed_at_a_sane_pace() -> None:
+    frame = things((0.3, 0.55), (0.4, 0.55), (0.3, -0.55), (0.4, -0.55))
+    assert limit(frame, AHEAD, LIMITS, AHEAD)[0].v == 0.5
+    askew = things((0.3, 0.50), (0.4, 0.50), (0.3, -0.60), (0.4, -0.60))
+    assert limit(askew, AHEAD, LIMITS, AHEAD)[0].v >= 0.3
+
+
+def test_close_already_the_robot_crawls_where_that_takes_no_clearance_away() -> None:
+    beside = things((0.0, 0.42))
+    assert limit(beside, AHEAD, LIMITS, STILL)[0] == Twist(CRAWL, 0.0)
+    assert limit(things((-0.3, 0.25)), AHEAD, LIMITS, STILL)[0] == Twist(CRAWL, 0.0)
+    in_front = things((0.42, 0.0))
+    assert limit(in_front, AHEAD, LIMITS, STILL)[0] == STILL
+    assert limit(in_front, Twist(-0.15, 0.0), LIMITS, STILL)[0] == Twist(-CRAWL, 0.0)
+    assert limit(in_front, Twist(0.2, 0.7), LIMITS, STILL)[0] == Twist(0.0, 0.7)
+
+
+def test_between_two_walls_that_are_both_too_close_the_robot_crawls_on() -> None:
+    x = np.linspace(-1.0, 3.0, 200)
+    aisle = np.concatenate([np.column_stack((x, np.full(200, side * 0.43))) for side in (1, -1)])
+    assert limit(Around(aisle, NONE, NONE), AHEAD, LIMITS, STILL)[0] == Twist(CRAWL, 0.0)
+
+
+def test_an_off_centre_robot_does_not_turn_into_what_is_beside_it() -> None:
+    beside = things((-0.5, 0.4))
+    twist, verdict = limit(beside, Twist(0.0, -0.8), TRACTOR, STILL)
+    assert twist == STILL
+    assert verdict.at == (-0.5, 0.4)
+    assert limit(beside, Twist(0.0, 0.8), TRACTOR, STILL)[0].w > 0.0
+    assert limit(beside, Twist(0.0, -0.8), LIMITS, STILL)[0] == Twist(0.0, -0.8)
+    further = things((-0.5, 0.6))
+    assert -0.8 < limit(further, Twist(0.0, -0.8), TRACTOR, STILL)[0].w < 0.0
+
+
+def test_slowing_down_keeps_the_turn_that_leads_around() -> None:
+    post = things((0.9, -0.35))
+    twist, _ = limit(post, Twist(0.5, 0.5), LIMITS, STILL)
+    assert twist.w == 0.5
+    twist, _ = limit(things((0.75, 0.1)), Twist(0.5, 0.5), LIMITS, STILL)
+    assert 0 < twist.v < 0.5
+
+
+def test_once_stopped_the_robot_starts_again_only_when_it_gets_somewhere() -> None:
+    between = (LEAST + RELEASE) / 2
+    room = wall(0.1 + needed_m(between))
+    assert limit(room, AHEAD, LIMITS, STILL)[0].v == pytest.approx(between)
+    assert limit(room, AHEAD, LIMITS, STILL, stopped=1.0)[0] == STILL
+    assert limit(room, AHEAD, LIMITS, STILL, stopped=-1.0)[0].v == pytest.approx(between)
+    assert limit(room, Twist(0.02, 0.0), LIMITS, STILL)[0].v == 0.02
+    assert limit(room, Twist(0.02, 0.0), LIMITS, STILL, stopped=1.0)[0] == STILL
+    more = wall(0.1 + needed_m(RELEASE + 0.01))
+    assert limit(more, AHEAD, LIMITS, STILL, stopped=1.0)[0].v == pytest.approx(RELEASE + 0.01)
+    assert limit(more, Twist(0.02, 0.0), LIMITS, STILL, stopped=1.0)[0].v == 0.02
+    assert limit(wall(0.1 + needed_m(LEAST * 0.9)), AHEAD, LIMITS, STILL)[0] == STILL
+
+
+def test_who_walks_is_kept_away_from_by_what_they_walk_until_the_robot_stands() -> None:
+    for speed in (0.1, 0.3, 0.45):
+        apart_m = 1.2 * (0.25 + speed / 0.5) + needed_m(speed)
+        somebody = walking((0.4 + 0.25 + apart_m, 0.0))
+        twist, verdict = limit(somebody, AHEAD, LIMITS, AHEAD)
+        assert twist.v == pytest.approx(speed)
+        assert verdict.person
+        assert verdict.free_m == pytest.approx(apart_m)
+    assert limit(walking((0.94, 0.0)), AHEAD, LIMITS, STILL)[0] == STILL
+
+
+def test_who_walks_beside_the_way_counts_as_well_and_who_is_left_behind_does_not() -> None:
+    assert limit(walking((0.8, 0.8)), AHEAD, LIMITS, AHEAD)[0].v < 0.2
+    assert limit(walking((-0.5, 0.6)), AHEAD, LIMITS, AHEAD)[0] == AHEAD
+    assert limit(walking((0.0, 0.7)), AHEAD, LIMITS, AHEAD)[0] == Twist(CRAWL, 0.0)
+    assert limit(walking((0.0, 0.7), (0.7, 0.1)), AHEAD, LIMITS, AHEAD)[0] == STILL
+    assert limit(walking((0.8, 0.0)), Twist(-0.15, 0.0), LIMITS, STILL)[0] == Twist(-0.15, 0.0)
+    assert limit(walking((0.8, 0.0)), Twist(0.0, 0.8), LIMITS, STILL)[0] == Twist(0.0, 0.8)
+
+
+def test_who_rests_is_passed_at_a_crawl_with_the_room_of_a_body() -> None:
+    twist, verdict = limit(resting((0.2, 0.7)), AHEAD, LIMITS, AHEAD)
+    assert twist.v == pytest.approx(CRAWL)
+    assert verdict.person
+    assert limit(resting((0.0, 0.95)), AHEAD, LIMITS, AHEAD)[0] == AHEAD
+    blocked, verdict = limit(resting((0.65, 0.3)), AHEAD, LIMITS, STILL)
+    assert blocked == STILL
+    assert verdict.person
+    assert limit(things((0.65, 0.3)), AHEAD, LIMITS, STILL)[0].v > LEAST
+
+
+def test_the_worst_of_all_is_named() -> None:
+    both = Around(np.array([[1.6, 0.0], [0.6, 0.0]]), NONE, np.array([[1.6, 0.0]]))
+    _, verdict = limit(both, AHEAD, LIMITS, STILL)
+    assert verdict.at == (0.6, 0.0)
+    assert not verdict.person
+
+
+positions = st.lists(st.tuples(st.floats(-3, 3), st.floats(-3, 3)), max_size=6)
+twists = st.builds(Twist, st.floats(-0.5, 0.5), st.floats(-0.8, 0.8))
+footprints = st.sampled_from([LIMITS, TRACTOR, replace(LIMITS, standoff_m=0.0, slow_margin_m=0.04)])
+
+
+@given(positions, positions, positions, twists, twists, footprints, st.sampled_from([-1.0, 0.0, 1.0]))
+def test_the_zones_never_speed_up_and_never_turn_around(
+    at: list[tuple[float, float]],
+    still: list[tuple[float, float]],
+    moving: list[tuple[float, float]],
+    wanted: Twist,
+    measured: Twist,
+    limits: SafetyLimits,
+    stopped: float,
+) -> None:
+    around = Around(things(*at, *still, *moving).points, things(*still).points, things(*moving).points)
+    twist, verdict = limit(around, wanted, limits, measured, stopped)
+    assert abs(twist.v) <= abs(wanted.v)
+    assert abs(twist.w) <= abs(wanted.w)
+    assert twist.v * wanted.v >= 0.0
+    assert twist.w * wanted.w >= 0.0
+    assert (twist == wanted) or verdict.share < 1.0 or stopped
+    if twist != wanted:
+        again, _ = limit(around, twist, limits, measured, 0.0)
+        assert (again.v, again.w) == pytest.approx((twist.v, twist.w), abs=1e-6)
+
+
+@given(positions, twists, st.floats(0.1, 1.0))
+def test_what_is_allowed_as_a_whole_is_allowed_more_slowly_along_the_same_arc(
+    at: list[tuple[float, float]], wanted: Twist, share: float
+) -> None:
+    around = things(*at)
+    if judge(around, wanted, LIMITS, STILL).share >= 1.0:
+        slower = Twist(share * wanted.v, share * wanted.w)
+        assert judge(around, slower, LIMITS, STILL).share >= 1.0 - 1e-9
+
+
+@given(st.floats(0.0, 2.0), st.floats(0.05, 0.5))
+def test_the_allowed_speed_can_always_be_braked_inside_the_free_distance(free_m: float, speed: float) -> None:
+    twist, _ = limit(wall(free_m), Twist(speed, 0.0), LIMITS, STILL)
+    assert needed_m(twist.v) <= free_m + 1e-6
