@@ -109,6 +109,7 @@ class Robot(RuleBasedStateMachine):
     @rule(seconds=PAUSES, press=st.sampled_from([None, "arm", "estop"]))
     def operator_silent(self, seconds: float, press: str | None) -> None:
         """And perhaps a button pressed while nobody hears it."""
+        self.get_going()
         hands = self.stage.hands
         hands.sending = False
         self.wait(self.stage.run(seconds))
@@ -150,9 +151,16 @@ class Robot(RuleBasedStateMachine):
             self.stage.message(message)
         self.wait(self.stage.run(0.05))
 
-    @rule(ring=st.sampled_from([FAR_M, 0.7, 0.5, 0.35, 0.05, 2.0]), seconds=MOMENTS)
-    def walls_come_near(self, ring: float, seconds: float) -> None:
-        self.stage.surround.ring_m = ring
+    def get_going(self) -> None:
+        """Most of what happens only matters to a robot that drives."""
+        self.wait(self.stage.run(0.1))
+        if self.clock.seconds() - self.stage.checker.moving_s > 0.1:
+            self.all_is_well_again(0.5, 0.0)
+
+    @rule(wall=st.sampled_from([FAR_M, 0.7, 0.45, 0.35, 0.28, 0.22, 0.05]), seconds=MOMENTS)
+    def walls_come_near(self, wall: float, seconds: float) -> None:
+        self.get_going()
+        self.stage.surround.wall_m = wall
         self.wait(self.stage.run(seconds))
 
     @rule(
@@ -161,7 +169,7 @@ class Robot(RuleBasedStateMachine):
     )  # fmt: skip
     def senses(self, what: str, shift: float, seconds: float) -> None:
         self.stage.surround = Surround(
-            self.stage.surround.ring_m,
+            self.stage.surround.wall_m,
             scans=what != "none",
             covered=what == "covered",
             healthy=what != "unfit",

@@ -32,7 +32,7 @@ def feedback(checker: WireChecker, at_s: float, state: int = 4, fault: int = 0, 
 
 def well() -> WireChecker:
     """Armed, all inputs fresh, the base in tractor mode."""
-    witness = Witness(deadman=True, presses_needed=0, arm_count=1, ring_m=5.0)
+    witness = Witness(deadman=True, presses_needed=0, arm_count=1, wall_m=5.0)
     checker = WireChecker(witness)
     feedback(checker, NOW_S)
     for name in ("operator", "lidar", "video"):
@@ -87,7 +87,7 @@ WRONG: dict[str, tuple[str, *tuple[Wrong, ...]]] = {
     "a disarm": ("1 press(es)", lambda c: presses(c, 1, 1, 0), moves),
     "a wall": (
         "0.00 m of room",
-        lambda c: setattr(c.witness, "ring_m", 0.1),
+        lambda c: setattr(c.witness, "wall_m", 0.1),
         lambda c: motion(c, NOW_S + 0.28, 0.12),
     ),
     "a loss in between": (

@@ -39,8 +39,10 @@ LOST_S = {"operator": 1.0, "lidar": 1.0, "base": 1.0, "video": 2.0}
 HOLD_S = {"operator": DEADLINE_S, "lidar": DEADLINE_S, "base": DEADLINE_S + TICK_S, "video": 0.7 + TICK_S}
 """Nobody promised 0.3 s for pictures: a frozen one holds the robot from 0.7 s on."""
 LIDAR_X_M, RADIUS_M, DECEL_MPS2 = 0.2, 0.4, 0.5
+REACTION_S = 0.25
+"""Scan, one missed scan, processing, bus, base."""
 SAMPLED_M = 0.08
-"""The chain looks along its way in steps of 5 cm and sees rings as points."""
+"""The chain looks along its way in steps of 5 cm and sees walls as points."""
 CRAWL_MPS = 0.1
 
 
@@ -56,8 +58,8 @@ class Witness:
     disarm_count: int = 0
     estop_count: int = 0
     expired: set[str] = field(default_factory=set)
-    ring_m: float | None = None
-    """All that the newest scan shows: a wall this far from the lidar all around."""
+    wall_m: float | None = None
+    """What the newest scan shows: a wall across the way, this far in front of the lidar."""
 
     def lives(self, name: str, now_s: float, stamp_s: float) -> None:
         """An input arrived; it is as old as it says, or as its arrival where it claims to be from the future."""
@@ -108,11 +110,12 @@ class WireChecker:
     violations: list[str] = field(default_factory=list)
     moving: int = 0
     """Frames that asked for motion; a run without any proves nothing."""
+    moving_s: float = -math.inf
+    """When the last of them was sent."""
     _sent_s: deque[float] = field(default_factory=lambda: deque(maxlen=MAX_RATE_HZ + 1))
     _motion: tuple[float, float, float] = (-math.inf, 0.0, 0.0)
     _measured: tuple[float, float] = (0.0, 0.0)
     """What the base reported last: a command may take over from there."""
-    _moving_s: float = -math.inf
     _packet: list[bytes] = field(default_factory=list)
     _state: int = -1
     _troubled: bool = False
@@ -159,8 +162,8 @@ class WireChecker:
         full = len(self._sent_s) > MAX_RATE_HZ
         if full and now_s - self._sent_s[0] < 0.999:
             self._complain(now_s, f"{MAX_RATE_HZ + 1} frames within {now_s - self._sent_s[0]:.3f} s")
-        if frame.can_id == MOTION and any(frame.data) and now_s - self._moving_s < 0.0099:
-            self._complain(now_s, f"two motion frames {1e3 * (now_s - self._moving_s):.2f} ms apart")
+        if frame.can_id == MOTION and any(frame.data) and now_s - self.moving_s < 0.0099:
+            self._complain(now_s, f"two motion frames {1e3 * (now_s - self.moving_s):.2f} ms apart")
 
     def _config_frame(self, now_s: float, number: int, word: int) -> None:
         if word not in ALLOWED_CONFIG.get(number, set()):
@@ -181,8 +184,8 @@ class WireChecker:
             self.moving += 1
             if self.witness:
                 self._right_to_move(now_s, self.witness)
-                self._room(now_s, v, w, self.witness.ring_m)
-            self._moving_s = now_s
+                self._room(now_s, v, w, self.witness.wall_m)
+            self.moving_s = now_s
         self._motion = (now_s, v, w)
 
     def _envelope(self, now_s: float, v: float, w: float) -> None:
@@ -213,12 +216,15 @@ class WireChecker:
         if self._state != REPORTED_TRACTOR or self._troubled:
             self._complain(now_s, f"motion while the base reports state {self._state}, trouble {self._troubled}")
 
-    def _room(self, now_s: float, v: float, w: float, ring_m: float | None) -> None:
-        """Forwards there is room to brake in before the wall that the newest scan shows."""
-        if v <= 1e-3 or ring_m is None:
+    def _room(self, now_s: float, v: float, w: float, wall_m: float | None) -> None:
+        """Forwards there is room to react and brake in before the wall that the newest scan shows."""
+        if v <= 1e-3 or wall_m is None:
             return
-        room_m = _free_m(ring_m, v, w)
-        fastest = CRAWL_MPS if room_m <= 0 else math.sqrt(2 * DECEL_MPS2 * (room_m + SAMPLED_M))
+        room_m = _free_m(wall_m, v, w)
+        left_m = room_m + SAMPLED_M
+        fastest = DECEL_MPS2 * (math.sqrt(REACTION_S**2 + 2 * left_m / DECEL_MPS2) - REACTION_S)
+        if room_m <= 0:
+            fastest = CRAWL_MPS
         if v > fastest + 1e-3:
             self._complain(now_s, f"{v:.3f} m/s with {room_m:.2f} m of room")
 
@@ -249,12 +255,12 @@ class WireChecker:
         self.violations.append(f"{now_s:.3f}: {what}")
 
 
-def _free_m(ring_m: float, v: float, w: float) -> float:
-    """How far the robot gets on its arc before it touches the wall around the lidar."""
-    step, at_x, at_y, yaw, gone = 0.01, 0.0, 0.0, 0.0, 0.0
+def _free_m(wall_m: float, v: float, w: float) -> float:
+    """How far the robot gets on its arc before it touches the wall."""
+    step, at_x, yaw, gone = 0.01, 0.0, 0.0, 0.0
     while gone < 1.0:
-        if math.hypot(at_x - LIDAR_X_M, at_y) > ring_m - RADIUS_M:
+        if at_x + RADIUS_M > LIDAR_X_M + wall_m:
             return gone
-        at_x, at_y, yaw = at_x + step * math.cos(yaw), at_y + step * math.sin(yaw), yaw + step * w / v
+        at_x, yaw = at_x + step * math.cos(yaw), yaw + step * w / v
         gone += step
     return math.inf

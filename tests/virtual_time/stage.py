@@ -22,6 +22,8 @@ FEEDBACK = {f"feedback_bitmap_{n}": word for n, word in enumerate(COMPACT_BITMAP
 BEAM_YAW = np.radians(np.linspace(-135.0, 135.0, 271, dtype=np.float32))
 SCAN_S, PICTURE_S, MESSAGE_S = 1 / 15, 1 / 29.97, 1 / OPERATOR_HZ
 FAR_M = 5.0
+ACROSS = math.radians(75)
+"""To either side; walls are as wide as that, the rest of the room is far away."""
 NONSENSE = 1e6
 """No stick and no head gives such a number; NaN is none either."""
 POSSIBLE_PRESSES = 10**9
@@ -49,7 +51,7 @@ class Hands:
 class Surround:
     """What lidar and camera deliver."""
 
-    ring_m: float = FAR_M
+    wall_m: float = FAR_M
     scans: bool = True
     covered: bool = False
     healthy: bool = True
@@ -172,8 +174,9 @@ class Stage:
         self.witness.lives("lidar", self.clock.seconds(), scan.stamp_ns / 1e9)
         if not scan.device_ok:
             self.witness.revoke("the lidar reported itself unfit")
-        finite = scan.ranges[np.isfinite(scan.ranges)]
-        self.witness.ring_m = float(finite.min()) if len(finite) else 0.0
+        seen = np.isfinite(scan.ranges)
+        ahead_m = (scan.ranges * np.cos(scan.yaw))[seen & (np.abs(scan.yaw) < ACROSS)]
+        self.witness.wall_m = float(ahead_m.min()) if len(ahead_m) else -math.inf
         self.chain.board.put_scan(scan, self.clock.now_ns)
 
     def _message(self) -> None:
@@ -195,7 +198,8 @@ class Stage:
         around = self.surround
         if around.scans:
             self._scans += 1
-            ranges = np.full(len(BEAM_YAW), math.nan if around.covered else around.ring_m, np.float32)
+            wall_m = np.where(np.abs(BEAM_YAW) < ACROSS, around.wall_m / np.cos(BEAM_YAW), FAR_M)
+            ranges = np.where(around.covered, math.nan, np.minimum(wall_m, FAR_M)).astype(np.float32)
             stamp_ns = self.clock.now_ns + round(around.scan_shift_s * 1e9)
             number = self._scans % 65536
             self.scan(LidarScan(stamp_ns, ranges, BEAM_YAW, number, number, stamp_ns // 1000, around.healthy))
