@@ -5,7 +5,6 @@ The base frame's origin is the midpoint between the driven wheels, on the floor.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -67,9 +66,3 @@ def median_of_three(ranges: NDArray[np.float32]) -> NDArray[np.float32]:
     smooth = ranges.copy()
     smooth[1:-1] = np.where(np.isnan(median), middle, median)
     return smooth
-
-
-def wrap(angle: float) -> float:
-    """The same direction in (-pi, pi]."""
-    wrapped = math.remainder(angle, math.tau)
-    return math.pi if wrapped == -math.pi else wrapped
