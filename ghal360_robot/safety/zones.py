@@ -175,18 +175,30 @@ def _walking(points: Floats, twist: Twist, disc: Disc, limits: SafetyLimits) -> 
         return FREE
     dx, dy = points[:, 0] - disc.x, points[:, 1] - disc.y
     apart = np.hypot(dx, dy)
-    towards = dx * vx + dy * vy
+    decel = _decel(disc, twist, limits)
+    turn = twist.w * (limits.reaction_s + speed / decel)
+    towards = _towards(np.arctan2(dy, dx) - math.atan2(vy, vx), turn)
     worst = FREE
-    for mask, least in ((towards > ABEAM * speed * apart, 0.0), (np.abs(towards) <= ABEAM * speed * apart, CRAWL)):
+    for mask, least in ((towards > ABEAM, 0.0), (np.abs(towards) <= ABEAM, CRAWL)):
         if not mask.any():
             continue
         nearest = int(np.where(mask, apart, np.inf).argmin())
         apart_m = float(apart[nearest]) - disc.radius - limits.person_margin_m
-        pace = approachable(apart_m, _decel(disc, twist, limits), limits.reaction_s, limits.person_speed)
+        pace = approachable(apart_m, decel, limits.reaction_s, limits.person_speed)
         at = (float(points[nearest, 0]), float(points[nearest, 1]))
         verdict = Verdict(max(pace, least) / speed, max(apart_m, 0.0), at, person=True)
         worst = min(worst, verdict, key=lambda verdict: verdict.share)
     return worst
+
+
+def _towards(bearing: Floats, turn: float) -> Floats:
+    """Cosine of how far off its way somebody at `bearing` is, at best, while the robot turns by `turn` radians.
+
+    Turning goes on while the robot brakes: whom it has at its side now it may have in front of it before it stands.
+    """
+    middle, reach = turn / 2, abs(turn) / 2
+    off = np.abs(np.mod(bearing - middle + math.pi, math.tau) - math.pi) - reach
+    return np.cos(np.clip(off, 0.0, math.pi))
 
 
 def _decel(disc: Disc, twist: Twist, limits: SafetyLimits) -> float:

@@ -12,6 +12,7 @@ from ghal360_robot.messages import STILL, Twist
 from ghal360_robot.safety.footprint import Disc
 from ghal360_robot.safety.limits import SafetyLimits
 from ghal360_robot.safety.zones import (
+    ABEAM,
     CRAWL,
     LEAST,
     RELEASE,
@@ -193,6 +194,26 @@ def test_who_walks_beside_the_way_counts_as_well_and_who_is_left_behind_does_not
     assert limit(walking((0.0, 0.7), (0.7, 0.1)), AHEAD, LIMITS, AHEAD)[0] == STILL
     assert limit(walking((0.8, 0.0)), Twist(-0.15, 0.0), LIMITS, STILL)[0] == Twist(-0.15, 0.0)
     assert limit(walking((0.8, 0.0)), Twist(0.0, 0.8), LIMITS, STILL)[0] == Twist(0.0, 0.8)
+
+
+def test_whom_a_turn_brings_in_front_is_not_left_behind() -> None:
+    at_the_side = (-0.4, 0.75)
+    left, right = Twist(0.45, 0.76), Twist(0.45, -0.76)
+    assert limit(walking(at_the_side), replace_w(left, 0.0), LIMITS, STILL)[0] == replace_w(left, 0.0)
+    assert limit(walking(at_the_side), right, LIMITS, STILL)[0] == right
+    assert limit(walking(at_the_side), left, LIMITS, STILL)[0].v < 0.1
+    assert limit(walking((at_the_side[0], -at_the_side[1])), right, LIMITS, STILL)[0].v < 0.1
+
+
+def test_a_turn_that_ends_before_somebody_leaves_them_behind() -> None:
+    turn = Twist(0.45, 0.3)
+    ends = 0.3 * (LIMITS.reaction_s + 0.45 / LIMITS.decel)
+    beyond = ends + math.acos(ABEAM) + math.radians(25)
+    assert limit(walking((0.8 * math.cos(beyond), 0.8 * math.sin(beyond))), turn, LIMITS, STILL)[0] == turn
+
+
+def replace_w(twist: Twist, w: float) -> Twist:
+    return replace(twist, w=w)
 
 
 def test_who_rests_is_passed_at_a_crawl_with_the_room_of_a_body() -> None:
