@@ -18,14 +18,14 @@ from typing import TYPE_CHECKING
 
 from ghal360_robot.messages import STILL, Applied, ArmState, BaseMode, Twist
 from ghal360_robot.safety import arming as gate
-from ghal360_robot.safety import collision, derating, mux
+from ghal360_robot.safety import derating, mux
 from ghal360_robot.safety.arming import Arming
-from ghal360_robot.safety.collision import Monitor
+from ghal360_robot.safety.collision import watch
 from ghal360_robot.safety.derating import Derating
 from ghal360_robot.safety.lease import denied
 from ghal360_robot.safety.limiter import ramp, start
 from ghal360_robot.safety.limits import SafetyLimits, clamp
-from ghal360_robot.safety.memory import Memory, here, remember
+from ghal360_robot.safety.memory import Memory, remember
 from ghal360_robot.safety.staleness import Staleness, judge
 from ghal360_robot.safety.watchdog import gap
 
@@ -66,16 +66,15 @@ class Safety:
         arming = gate.step(state.arming, inputs, stale, self._losses(state, inputs, readings))
         memory = remember(state.memory, inputs, limits)
         taken = mux.take(mux.asked(inputs, wanted), inputs.locks, now, limits.sources, limits.locks)
-        held = _held(arming, inputs, stale, readings) or taken.held or collision.faults(memory, inputs)
-        if held:
+        monitor, blind = watch(limits, memory, inputs, taken.source, state.stopped)
+        held = _held(arming, inputs, stale, readings) or taken.held
+        if held or monitor is None:
             rest = SafetyState(arming, derating=levels, memory=memory, stamp_ns=now)
-            return rest, Applied(STILL, arming.state, held, source=taken.source)
+            return rest, Applied(STILL, arming.state, held or (blind,), source=taken.source)
         command, said = clamp(taken.twist, limits)
         command, slowed = derating.derate(command, readings)
-        monitor = Monitor(limits, memory, inputs, here(memory, now), taken.source, state.stopped)
         safe, avoiding, free_m = monitor.check(command)
-        measured = STILL if inputs.base is None else inputs.base.twist
-        begin = start(state.last, measured, limits, anew=taken.source != state.source)
+        begin = start(state.last, monitor.measured, limits, anew=taken.source != state.source)
         twist, ramping = ramp(begin, safe, self._dt_s(state, now), limits)
         if twist != safe:
             twist, again, free_m = monitor.check(twist)

@@ -15,27 +15,17 @@ import numpy as np
 from ghal360_robot.messages import STILL, Twist
 from ghal360_robot.safety.footprint import Disc, disc_velocity
 from ghal360_robot.safety.limits import OLDEST_S
-from ghal360_robot.safety.memory import Memory, known_free
+from ghal360_robot.safety.memory import Memory, Scene, here, known_free
 from ghal360_robot.safety.mux import TELEOP
 from ghal360_robot.safety.view import out_of_sight
 from ghal360_robot.safety.zones import Around, Verdict, limit, stopping_m
 
 if TYPE_CHECKING:
-    from ghal360_robot.messages import Inputs
+    from ghal360_robot.messages import Inputs, Surroundings
     from ghal360_robot.safety.limits import SafetyLimits
 
 KNOWN_M = 0.02
 """Places on the robot's way are noted every 5 cm: between two of them the outline lies this close to one."""
-
-
-def faults(memory: Memory, inputs: Inputs) -> tuple[str, ...]:
-    """Why nothing is known about the surroundings at this tick, in words; empty where they are seen."""
-    seen, scene = inputs.surroundings, memory.scene
-    if seen is None or scene is None:
-        return ("no scan",)
-    if abs(inputs.stamp_ns - seen.stamp_ns) > OLDEST_S * 1e9:
-        return ("the scan is old",)  # whenever it arrived
-    return (scene.fault,) if scene.fault else ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,9 +34,12 @@ class Monitor:
 
     limits: SafetyLimits
     memory: Memory
-    inputs: Inputs
+    scene: Scene
+    seen: Surroundings
     around: Around
     """What is seen, from where the base is now."""
+    measured: Twist
+    now_ns: int
     source: str
     """Whose command it is: only a hand on the stick may back."""
     stopped: float
@@ -57,50 +50,56 @@ class Monitor:
         twist, reasons = self._in_sight(wanted)
         if twist == STILL:
             return STILL, reasons, None
-        free, verdict = limit(self.around, twist, self.limits, self._measured, self.stopped)
+        free, verdict = limit(self.around, twist, self.limits, self.measured, self.stopped)
         if free != twist:
             reasons = (*reasons, _words(free, twist, verdict))
         return free, reasons, verdict.free_m if math.isfinite(verdict.free_m) else None
 
-    @property
-    def _measured(self) -> Twist:
-        return STILL if self.inputs.base is None else self.inputs.base.twist
-
     def _in_sight(self, wanted: Twist) -> tuple[Twist, tuple[str, ...]]:
         """Without what would lead into ground that the lidar does not look at."""
-        turn, scene = Twist(0.0, wanted.w), self.memory.scene
-        if wanted.v > 0.0 and scene is not None and scene.blind_ahead:
-            return turn, (scene.blind_ahead,)
+        turn = Twist(0.0, wanted.w)
+        if wanted.v > 0.0 and self.scene.blind_ahead:
+            return turn, (self.scene.blind_ahead,)
         why = self._blind(wanted)
         if not why:
             return wanted, ()
         return (turn if wanted.v and not self._blind(turn) else STILL), (why,)
 
-    def _way_m(self, disc: Disc, twist: Twist) -> float:
-        """How far a part of the robot moves until it stands, from the faster of what is wanted and what is done."""
-        speed = max(math.hypot(*disc_velocity(disc, twist)), math.hypot(*disc_velocity(disc, self._measured)))
-        return stopping_m(speed, self.limits.decel, self.limits.reaction_s)
-
     def _blind(self, twist: Twist) -> str:
         """Why this motion would lead into unseen ground; empty where it does not."""
-        seen = self.inputs.surroundings
-        if seen is None:
-            return "no scan"
-        hidden = out_of_sight(
-            seen, twist, self.limits.footprint, [self._way_m(d, twist) for d in self.limits.footprint]
-        )
+        footprint = self.limits.footprint
+        hidden = out_of_sight(self.seen, twist, footprint, [self._way_m(disc, twist) for disc in footprint])
         if not hidden:
             return ""
         word = "backwards" if twist.v < 0.0 else "curve" if twist.v else "turning"
         if twist.v < 0.0 and self.source != TELEOP:
             return f"{word}: lidar is blind there"
-        people, scene = self.memory.people, self.memory.scene
-        if scene is None or any(person.confirmed and person.there_ns < scene.stamp_ns for person in people):
+        if any(person.confirmed and person.there_ns < self.scene.stamp_ns for person in self.memory.people):
             return f"{word}: lidar is blind there, and somebody went out of sight"
-        outline_m = max(disc.radius - math.hypot(disc.x, disc.y) for disc in self.limits.footprint)
-        if known_free(self.memory, np.array(hidden), outline_m + KNOWN_M, self.inputs.stamp_ns).all():
+        outline_m = max(disc.radius - math.hypot(disc.x, disc.y) for disc in footprint)
+        if known_free(self.memory, np.array(hidden), outline_m + KNOWN_M, self.now_ns).all():
             return ""
         return f"{word}: lidar is blind there, and has not seen it lately"
+
+    def _way_m(self, disc: Disc, twist: Twist) -> float:
+        """How far a part of the robot moves until it stands, from the faster of what is wanted and what is done."""
+        speed = max(math.hypot(*disc_velocity(disc, twist)), math.hypot(*disc_velocity(disc, self.measured)))
+        return stopping_m(speed, self.limits.decel, self.limits.reaction_s)
+
+
+def watch(
+    limits: SafetyLimits, memory: Memory, inputs: Inputs, source: str, stopped: float
+) -> tuple[Monitor | None, str]:
+    """The monitor of this tick; or none, and why nothing is known about the surroundings."""
+    seen, scene, base = inputs.surroundings, memory.scene, inputs.base
+    if seen is None or scene is None or base is None:
+        return None, "no scan"
+    if abs(inputs.stamp_ns - seen.stamp_ns) > OLDEST_S * 1e9:
+        return None, "the scan is old"  # whenever it arrived
+    if scene.fault:
+        return None, scene.fault
+    now_ns = inputs.stamp_ns
+    return Monitor(limits, memory, scene, seen, here(memory, now_ns), base.twist, now_ns, source, stopped), ""
 
 
 def _words(free: Twist, wanted: Twist, verdict: Verdict) -> str:

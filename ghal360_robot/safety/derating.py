@@ -93,7 +93,7 @@ def derate(wanted: Twist, readings: Sequence[Reading]) -> tuple[Twist, tuple[str
     """The wanted twist at the least share that any rule leaves of it, and every warning."""
     share = min((reading.rule.share for reading in readings if reading.level is Level.DERATE), default=1.0)
     said = tuple(f"{'slow: ' if reading.level is Level.DERATE else ''}{reading.words}" for reading in readings)
-    return (wanted if share == 1.0 else Twist(share * wanted.v, share * wanted.w)), said
+    return Twist(share * wanted.v, share * wanted.w), said
 
 
 def stops(readings: Sequence[Reading], *, disarms: bool) -> tuple[str, ...]:

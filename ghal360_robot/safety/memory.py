@@ -117,11 +117,9 @@ def known_free(memory: Memory, points: Floats, radius: float, now_ns: int) -> ND
     pose = memory.trail.at(now_ns)
     c, s = math.cos(pose.yaw), math.sin(pose.yaw)
     there = points @ np.array(((c, s), (-s, c))) + (pose.x, pose.y)
-    known = np.zeros(len(points), bool)
-    if memory.driven:
-        places = np.array([(place.pose.x, place.pose.y) for place in memory.driven])
-        apart = np.hypot(there[:, :1] - places[:, 0], there[:, 1:] - places[:, 1])
-        known |= apart.min(axis=1) <= radius
+    places = np.array([(place.pose.x, place.pose.y) for place in memory.driven]).reshape(-1, 2)
+    apart = np.hypot(there[:, :1] - places[:, 0], there[:, 1:] - places[:, 1])
+    known: NDArray[np.bool_] = apart.min(axis=1, initial=np.inf) <= radius
     for past in (*memory.past, *memory.looks):
         known |= seen_free(past, there)
     return known

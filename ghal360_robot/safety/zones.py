@@ -40,8 +40,8 @@ ABEAM = 0.17
 BERTH_M = 0.25
 """Resting people this much further away than they have to be are passed at a crawl."""
 
-LEAST = 0.03
-"""m/s: slower is not worth creaking for; the robot stops."""
+LEAST, LEAST_TURN = 0.03, 0.05
+"""m/s and rad/s: slower is not worth creaking for; the robot stops."""
 
 RELEASE = 0.09
 """m/s, less than the crawl: once stopped it starts again only when it may go this fast, or it would start and stop
@@ -131,8 +131,8 @@ def limit(
         if wanted.w and judge(around, slower, limits, measured).share < 1.0:
             slower = Twist(share * wanted.v, share * wanted.w)
         return slower, first
-    turn = Twist(0.0, wanted.w)
-    return Twist(0.0, min(judge(around, turn, limits, measured).share, 1.0) * wanted.w) if wanted.w else turn, first
+    turn = min(judge(around, Twist(0.0, wanted.w), limits, measured).share, 1.0) * wanted.w
+    return Twist(0.0, turn if turn == wanted.w or abs(turn) >= LEAST_TURN else 0.0), first
 
 
 def _zones(points: Floats, twist: Twist, disc: Disc, limits: SafetyLimits, measured: Twist, berth: Berth) -> Verdict:

@@ -40,6 +40,22 @@ def test_an_obstacle_on_the_way_is_named_with_distance_and_direction() -> None:
     assert out[-1].clearance_m == pytest.approx(0.12, abs=0.02)
 
 
+def test_what_is_too_close_to_name_a_way_to_it_is_close_by() -> None:
+    rig = posts((-0.02, 0.43), radius=0.02)
+    assert "slowed: obstacle, close by" in rig.run(8, Twist(0.5, 0.0))[-1].reasons
+
+
+def test_a_turn_is_slowed_or_stopped_by_name_as_well() -> None:
+    limits = SafetyLimits(footprint=(Disc(0.0, 0.0, 0.3), Disc(0.3, 0.0, 0.3)))
+    rig = Rig(Safety(limits), seen=lambda pose: circles_ranges(pose, np.array([[0.3, 0.55, 0.02]])))
+    out = rig.run(200, Twist(0.0, 0.8))
+    words = [reason.split(":")[0] for applied in out for reason in applied.reasons if "obstacle" in reason]
+    assert words[0] == "slowed"
+    assert words[-1] == "stopped"
+    assert out[-1].twist == STILL
+    assert out[-1].reasons[0].startswith("stopped: obstacle 0.1 m, ")
+
+
 def test_a_curve_into_an_obstacle_goes_on_as_a_turn() -> None:
     rig = posts((0.75, 0.1))
     out = rig.run(200, Twist(0.2, 0.3))

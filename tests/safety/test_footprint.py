@@ -88,6 +88,19 @@ def test_a_disc_as_big_as_its_way_around_covers_the_middle_for_ever() -> None:
     assert contact(0.0, 0.25, Twist(0.1, 0.4)).seconds == 0.0  # the centre it turns about, half a metre deep inside
 
 
+def test_grazing_is_not_touching() -> None:
+    straight = first_contacts(np.array([[1.0, 0.5]]), Twist(0.5, 0.0), CENTRE, (0.5, 0.6))
+    assert straight[0] == NEVER
+    assert straight[1].point == 0
+    arc = first_contacts(np.array([[0.0, 1.5]]), Twist(0.4, 0.8), CENTRE, (0.5, 0.6))
+    assert arc[0] == NEVER
+    assert arc[1].point == 0
+
+
+def test_the_slowest_motion_that_counts_is_a_tenth_of_a_millimetre_a_second() -> None:
+    assert contact(0.6, 0.0, Twist(1e-4, 0.0)).seconds == pytest.approx(1000.0)
+
+
 def test_the_velocity_of_a_disc_is_that_of_a_point_of_a_turning_body() -> None:
     assert disc_velocity(BACK, Twist(0.4, 0.5)) == pytest.approx((0.4 - 0.05, -0.15))
 

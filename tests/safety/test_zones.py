@@ -234,6 +234,58 @@ def test_the_worst_of_all_is_named() -> None:
     assert not verdict.person
 
 
+BESIDE = SafetyLimits(footprint=(Disc(0.0, 0.3, 0.2),), accel=0.3, decel=0.5, w_accel=1.5)
+IN_FRONT = SafetyLimits(footprint=(Disc(0.3, 0.0, 0.2),), decel=0.5, w_accel=1.5)
+
+
+@pytest.mark.parametrize(("limits", "share_of_w"), [(BESIDE, 1.0), (IN_FRONT, 1.0)])
+def test_a_disc_beside_the_origin_brakes_as_the_turn_does(limits: SafetyLimits, share_of_w: float) -> None:
+    """Turning by 0.8 rad/s it moves by 0.24 m/s and stands after 0.53 s: it brakes at 0.45 m/s^2."""
+    (disc,) = limits.footprint
+    turn = Twist(0.0, 0.8 * share_of_w)
+    for gap in (0.8, 0.9, 1.0):  # rad of turn until contact
+        start = math.atan2(disc.y, disc.x)
+        half = 2 * math.asin(0.24 / 0.6)
+        at = (0.3 * math.cos(start + gap + half), 0.3 * math.sin(start + gap + half))
+        room_m = 0.3 * gap - limits.standoff_m
+        allowed = stoppable(room_m, 0.45, 0.25)
+        twist, verdict = limit(things(at), turn, limits, STILL)
+        assert twist.w == pytest.approx(turn.w * min(1.0, allowed / 0.24), rel=1e-6)
+        assert verdict.free_m == pytest.approx(0.3 * gap) or twist == turn
+
+
+def test_where_drive_and_turn_mix_the_later_to_stop_counts() -> None:
+    somebody = walking((1.2, 0.3))
+    driven = judge(somebody, Twist(0.5, 0.1), BESIDE, STILL)  # drive: 1 s, turn: 0.07 s
+    speed = 0.5 - 0.1 * 0.3
+    apart_m = 1.2 - 0.2 - 0.25
+    assert driven.share * speed == pytest.approx(approachable(apart_m, speed / 1.0, 0.25, 1.2))
+    turned = judge(somebody, Twist(0.2, -0.75), BESIDE, STILL)  # drive: 0.4 s, turn: 0.5 s
+    speed = 0.2 + 0.75 * 0.3
+    assert turned.share * speed == pytest.approx(approachable(apart_m, speed / 0.5, 0.25, 1.2))
+    assert turned.at == (1.2, 0.3)
+
+
+def test_who_walks_is_measured_from_the_part_of_the_outline_that_moves_towards_them() -> None:
+    limits = SafetyLimits(footprint=(Disc(0.2, 0.3, 0.3),))
+    ahead = judge(walking((1.4, 0.3), (3.0, 0.3)), AHEAD, limits, STILL)
+    assert ahead.free_m == pytest.approx(1.2 - 0.3 - 0.25)
+    assert ahead.at == (1.4, 0.3)
+    turning = judge(walking((0.2, 1.3)), Twist(0.0, 0.8), limits, STILL)  # the disc moves to the left, and forwards
+    assert turning.free_m == pytest.approx(1.0 - 0.3 - 0.25)
+    assert judge(walking((0.9, -0.8)), Twist(0.0, 0.8), limits, STILL).share == math.inf
+
+
+def test_the_measured_speed_counts_for_the_part_that_goes_the_same_way() -> None:
+    limits = SafetyLimits(footprint=(Disc(0.0, 0.4, 0.2),))
+    turn = Twist(0.0, 0.5)  # the disc moves backwards
+    blocked = things((-0.45, 0.4))
+    assert judge(blocked, turn, limits, Twist(0.0, 1.0)).share == 0.0
+    assert judge(blocked, turn, limits, Twist(0.0, -1.0)).share > 0.0
+    assert judge(blocked, turn, limits, Twist(0.5, 0.0)).share > 0.0
+    assert judge(blocked, turn, limits, Twist(-0.5, 0.0)).share == 0.0
+
+
 positions = st.lists(st.tuples(st.floats(-3, 3), st.floats(-3, 3)), max_size=6)
 twists = st.builds(Twist, st.floats(-0.5, 0.5), st.floats(-0.8, 0.8))
 footprints = st.sampled_from([LIMITS, TRACTOR, replace(LIMITS, standoff_m=0.0, slow_margin_m=0.04)])
