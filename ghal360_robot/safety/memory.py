@@ -119,10 +119,8 @@ def known_free(memory: Memory, points: Floats, radius: float, now_ns: int) -> ND
     there = points @ np.array(((c, s), (-s, c))) + (pose.x, pose.y)
     places = np.array([(place.pose.x, place.pose.y) for place in memory.driven]).reshape(-1, 2)
     apart = np.hypot(there[:, :1] - places[:, 0], there[:, 1:] - places[:, 1])
-    known: NDArray[np.bool_] = apart.min(axis=1, initial=np.inf) <= radius
-    for past in (*memory.past, *memory.looks):
-        known |= seen_free(past, there)
-    return known
+    driven = apart.min(axis=1, initial=np.inf) <= radius
+    return np.asarray(driven | seen_free((*memory.past, *memory.looks), there).any(axis=0))
 
 
 def _taken_in(memory: Memory, around: Surroundings, turning: float, limits: SafetyLimits) -> Memory:

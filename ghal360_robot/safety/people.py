@@ -95,9 +95,7 @@ def moving(looks: Sequence[Look], points: Floats, beam: NDArray[np.intp], turnin
 
     Single ones do not count: there have to be a few beside each other.
     """
-    came = np.zeros(len(points), bool)
-    for past in looks:
-        came |= seen_free(past, points, turning)
+    came = np.asarray(seen_free(looks, points, turning).any(axis=0))
     suspects = np.flatnonzero(came)
     if len(suspects) < LEAST_POINTS or (len(suspects) > ADRIFT * len(points) and len(points) > FEW):
         return np.zeros(len(points), bool)

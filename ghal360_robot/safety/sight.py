@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from ghal360_robot.messages import Pose2, Surroundings
@@ -99,24 +101,38 @@ def least_around(ranges: NDArray[np.float32], width: int) -> NDArray[np.float32]
     return least
 
 
-def seen_free(past: Look, points: Floats, turning: float = 0.0, passed_m: float = PASSED_M) -> NDArray[np.bool_]:
-    """Whether each of `points` (n, 2), odometry frame, lay in ground that this scan saw through.
+def seen_free(looks: Sequence[Look], points: Floats, turning: float = 0.0) -> NDArray[np.bool_]:
+    """Whether each of `points` (n, 2), odometry frame, lay in ground that a scan saw through: (looks, n).
 
     `turning` (rad/s) is that of the base while the points were measured: they are out by as much of a sweep.
     """
-    if not past.step or len(points) == 0:
-        return np.zeros(len(points), bool)
-    # Single precision is a hundredth of a beam here, and twice as fast.
-    dx, dy = (points[:, 0] - past.x).astype(np.float32), (points[:, 1] - past.y).astype(np.float32)
-    far = np.hypot(dx, dy) + passed_m
-    sign = math.copysign(1.0, past.step)
-    turned = (np.arctan2(dy, dx) - np.float32(past.yaw + past.first)) * np.float32(sign)
-    beam = np.rint(np.mod(turned, np.float32(math.tau)) / np.float32(abs(past.step))).astype(np.intp)
-    inside = beam < len(past.free)
-    beam[~inside] = 0  # a direction before the first beam comes out as almost a whole turn
-    aside = math.ceil(abs(turning) * SWEEP_S / 2 / abs(past.step))
-    free: NDArray[np.bool_] = inside & (past.free[beam] > far)
+    useful = [past for past in looks if past.step]
+    if not useful or len(points) == 0:
+        return np.zeros((0, len(points)), bool)
+    # All scans at once, and in single precision: that is a hundredth of a beam here.
+    where = np.array([(past.x, past.y, past.yaw + past.first, past.step, len(past.free)) for past in useful])
+    dx = (points[:, 0] - where[:, 0:1]).astype(np.float32)
+    dy = (points[:, 1] - where[:, 1:2]).astype(np.float32)
+    far = np.sqrt(dx * dx + dy * dy) + np.float32(PASSED_M)
+    step = where[:, 3:4].astype(np.float32)
+    turns = (np.arctan2(dy, dx) - where[:, 2:3].astype(np.float32)) * (np.sign(step) / np.float32(math.tau))
+    beam = np.rint((turns - np.floor(turns)) * (np.float32(math.tau) / np.abs(step))).astype(np.intp)
+    last = where[:, 4:5].astype(np.intp) - 1
+    inside = beam <= last
+    np.minimum(beam, last, out=beam)  # a direction before the first beam comes out as almost a whole turn
+    free = _stacked(useful)
+    row = np.arange(len(useful))[:, None] * free.shape[1]
+    passed: NDArray[np.bool_] = inside & (free.take(row + beam) > far)
+    aside = math.ceil(abs(turning) * SWEEP_S / 2 / float(np.abs(where[:, 3]).min()))
     if aside:
-        last = len(past.free) - 1
-        free &= (past.free[np.maximum(beam - aside, 0)] > far) & (past.free[np.minimum(beam + aside, last)] > far)
-    return free
+        passed &= free.take(row + np.maximum(beam - aside, 0)) > far
+        passed &= free.take(row + np.minimum(beam + aside, last)) > far
+    return passed
+
+
+def _stacked(looks: Sequence[Look]) -> NDArray[np.float32]:
+    """The free ranges of several scans, row by row; shorter ones end in nothing free."""
+    rows = np.zeros((len(looks), max(len(past.free) for past in looks)), np.float32)
+    for row, past in zip(rows, looks, strict=True):
+        row[: len(past.free)] = past.free
+    return rows

@@ -24,7 +24,7 @@ def free(
     ranges: np.ndarray | float, *at: tuple[float, float], turning: float = 0.0, pose: Pose2 = ORIGIN
 ) -> list[bool]:
     past = look(around(scan(ranges)), pose, turning)
-    return seen_free(past, np.array(at, float).reshape(-1, 2)).tolist()
+    return seen_free([past], np.array(at, float).reshape(-1, 2)).any(axis=0).tolist()
 
 
 def test_places_turn_with_the_pose() -> None:
@@ -87,9 +87,26 @@ def test_points_measured_while_turning_have_to_be_free_on_both_sides() -> None:
     angle = ASTRAY + 1.5 * STEP
     for side in (1, -1):
         at = np.array([[0.2 + 2 * math.cos(angle), side * 2 * math.sin(angle)]])
-        assert seen_free(past, at).tolist() == [True]
-        assert seen_free(past, at, turning=0.8).tolist() == [False]
-        assert seen_free(past, at, turning=-0.8).tolist() == [False]
+        assert seen_free([past], at).tolist() == [[True]]
+        assert seen_free([past], at, turning=0.8).tolist() == [[False]]
+        assert seen_free([past], at, turning=-0.8).tolist() == [[False]]
+
+
+def test_scans_of_any_length_are_asked_at_once() -> None:
+    whole = look(around(scan(3.0)), Pose2(), 0.0)
+    right = LidarScan(0, np.full(405, 3.0, np.float32), YAW[:405], 0, 0, 0)
+    single = LidarScan(0, np.ones(1, np.float32), YAW[:1], 0, 0, 0)
+    half, none = (look(look_around(seen, LidarMount()), Pose2(), 0.0) for seen in (right, single))
+    back = look(around(scan(3.0)), Pose2(2.0, 0.0, math.pi), 0.0)
+    at = np.array([[2.0, -1.0], [2.0, 1.0], [-1.0, 0.0]])
+    assert seen_free([whole, half, none, back], at).tolist() == [
+        [True, True, False],
+        [True, False, False],
+        [True, True, True],
+    ]
+    assert seen_free([], at).shape == (0, 3)
+    assert seen_free([none], at).shape == (0, 3)
+    assert seen_free([whole], at[:0]).shape == (0, 0)
 
 
 def test_looks_are_kept_in_the_odometry_frame() -> None:
@@ -109,4 +126,4 @@ def test_upright_and_upside_down_see_the_same(offset: float, yaw: float, distanc
     if abs(distance - 2.42) > 0.01 and abs(distance - 0.92) > 0.01:
         left = math.remainder(math.atan2(at[0, 1], at[0, 0] - 0.2), STEP)
         if abs(abs(left) - STEP / 2) > 1e-4:
-            assert seen_free(upright, at).tolist() == seen_free(turned, at).tolist()
+            assert seen_free([upright], at).tolist() == seen_free([turned], at).tolist()
