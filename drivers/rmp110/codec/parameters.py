@@ -112,6 +112,32 @@ class OperationalState(IntEnum):
         return cls(word) if 0 <= word <= 6 else cls.UNKNOWN
 
 
+@dataclass(frozen=True, slots=True)
+class InputBits:
+    """What bits of the input bitmap say about how the base moves; zero where a protocol has no such bit."""
+
+    charging: int
+    """Allows driving while the charger is plugged in."""
+    acceleration: int
+    """The velocity command is an acceleration."""
+    filters: int
+    """Low-pass filters of the commands, down to 0.2 Hz."""
+    limit_mapping: int
+    """The yaw rate is what was commanded, whatever the lateral acceleration; here it is the missing bit that is odd."""
+
+    @property
+    def unwanted(self) -> int:
+        """Bits that are never written from here."""
+        return self.charging | self.acceleration | self.filters
+
+    def cleaned(self, bitmap: int) -> int:
+        """The bitmap of a base that follows velocity commands as its limits say, and not on its charger's cable."""
+        return bitmap & ~self.unwanted | self.limit_mapping
+
+
+CAN_INPUT_BITS = InputBits(charging=0x8, acceleration=0x2, filters=0x1E00, limit_mapping=0x1)
+"""Fact sheet 6.4."""
+
 _IP_MAX = 0xFFFFFFFF
 PARAMETERS: tuple[Parameter, ...] = (
     Parameter(1, "max_velocity", Kind.FLOAT, "m/s", 2.2352, 0, 8.047),

@@ -14,7 +14,7 @@ from drivers.rmp110.codec.dialect import Action, Dialect
 from drivers.rmp110.codec.feedback import COMPACT_BITMAPS, FACTORY_BITMAPS, Layout
 from drivers.rmp110.codec.feedback_words import WORDS, Word
 from drivers.rmp110.codec.frames import CONFIG_ID, Frame, pack_words
-from drivers.rmp110.codec.parameters import BY_NAME, PARAMETERS, Kind, Number, Parameter, Stored
+from drivers.rmp110.codec.parameters import BY_NAME, CAN_INPUT_BITS, PARAMETERS, InputBits, Kind, Number, Parameter, Stored
 
 Bitmaps = tuple[int, int, int, int]
 
@@ -31,8 +31,7 @@ class Vocabulary:
     factory_bitmaps: Bitmaps
     compact_bitmaps: Bitmaps
     """Eleven frames with all that the driver needs (fact sheet 3.6)."""
-    drive_while_charging: int = 0x8
-    """Bit of the input bitmap that disables the AC-present check (fact sheet 6.4)."""
+    input_bits: InputBits = CAN_INPUT_BITS
 
     @property
     def config_reply_frames(self) -> int:

@@ -12,7 +12,7 @@ from functools import partial
 
 from drivers.rmp110.codec.dialect import Action, Dialect
 from drivers.rmp110.codec.frames import CONFIG_ID, MOTION_ID, Frame, as_float32, unpack_words, word_to_float
-from drivers.rmp110.codec.parameters import RMP110_TRACK_MINIMUM_M, ModeRequest
+from drivers.rmp110.codec.parameters import CAN_INPUT_BITS, RMP110_TRACK_MINIMUM_M, ModeRequest
 from drivers.rmp110.codec.vocabulary import VOCABULARIES, Vocabulary
 
 Check = Callable[[int], bool]
@@ -51,8 +51,7 @@ def track_allowed(word: int) -> bool:
 
 PARAMETERS: Mapping[str, Check] = {
     "track_width": track_allowed,
-    # Bit 3 allows driving while the charger is plugged in: never set from here (fact sheet 6.4).
-    "input_bitmap": lambda word: word & 0x8 == 0 and word <= 0x1FFF,
+    "input_bitmap": lambda word: word & CAN_INPUT_BITS.unwanted == 0 and word <= 0x1FFF,
     # With all bitmaps zero the base never answers again; the first one must keep some bits.
     "feedback_bitmap_1": lambda word: word != 0,
     "feedback_bitmap_2": lambda _: True,

@@ -77,8 +77,8 @@ def conclude(
     book = VOCABULARIES[dialect]
     layout = book.layout(stored.bitmaps)
     speak = partial(CanLanguage, book, layout)
-    bit = book.drive_while_charging
-    return judge(dialect, stored, layout, config, speak, charging_bit=bit, firmware=firmware, fault_log=fault_log)
+    bits = book.input_bits
+    return judge(dialect, stored, layout, config, speak, input_bits=bits, firmware=firmware, fault_log=fault_log)
 
 
 async def probe(link: Link) -> Reply:
@@ -168,7 +168,9 @@ async def write_differing(
 
     A base keeps its old value where it refuses one: that shows in the read-back and is not an error here.
     """
-    wanted = dict(config.expected) if parameters else {}
+    wanted: dict[str, float] = {}
+    if parameters:
+        wanted = {"input_bitmap": book.input_bits.cleaned(int(stored["input_bitmap"])), **config.expected}
     if config.write_feedback_set:
         wanted |= {f"feedback_bitmap_{n}": word for n, word in enumerate(book.compact_bitmaps, start=1)}
     for _ in range(WRITE_ROUNDS):

@@ -24,7 +24,7 @@ from drivers.rmp110.codec.v3.packets import (
     stored_words,
     unpack_words,
 )
-from drivers.rmp110.codec.v3.whitelist import CHARGING_BIT
+from drivers.rmp110.codec.v3.whitelist import INPUT_BITS
 from drivers.rmp110.codec.v3.words import LAYOUT, MACHINE_ID_AT, PARAMETERS, STATE_AT
 from drivers.rmp110.device.config import Rmp110Config
 from drivers.rmp110.device.judgement import check_plausible, judge
@@ -79,7 +79,7 @@ async def identify(link: Link, config: Rmp110Config, enter: Callable[[LinkState]
         LAYOUT,
         config,
         partial(V3Language, order),
-        charging_bit=CHARGING_BIT,
+        input_bits=INPUT_BITS,
         firmware=firmware,
         fault_log=fault_log,
         fault_groups=GROUPS_V3,
@@ -109,7 +109,7 @@ def _decode_log(data: bytes | None, order: str) -> FaultLog | None:
 
 async def _write_differing(link: Link, order: str, stored: Stored, config: Rmp110Config) -> Stored:
     """All parameters go in one command; what the base made of it is read back bit for bit."""
-    bitmap = int(stored["input_bitmap"]) & ~CHARGING_BIT
+    bitmap = INPUT_BITS.cleaned(int(stored["input_bitmap"]))
     wanted = {**config.expected, "input_bitmap": bitmap}
     for _ in range(WRITE_ROUNDS):
         differing = stored.differing(wanted)

@@ -10,7 +10,7 @@ from drivers.rmp110.codec.faults import GROUPS, Group
 from drivers.rmp110.codec.feedback import Layout
 from drivers.rmp110.codec.frames import as_float32
 from drivers.rmp110.codec.motion import MotionScale
-from drivers.rmp110.codec.parameters import Parameter, Stored
+from drivers.rmp110.codec.parameters import InputBits, Parameter, Stored
 from drivers.rmp110.codec.whitelist import RANGED, track_allowed
 from drivers.rmp110.device.config import Rmp110Config
 from drivers.rmp110.device.language import Language
@@ -23,6 +23,18 @@ MUST_MATCH = ("max_accel", "max_decel", "max_yaw_accel", "tire_diameter", "gear_
 CHARGING = (
     "the base is set to drive while its charger is plugged in (AC-present check disabled in its input bitmap): "
     "it can tear the cable; unplug before driving"
+)
+LATERAL = (
+    "the base is set to turn slower the faster it drives (yaw mapping by lateral acceleration in its input bitmap): "
+    "it may turn less than commanded"
+)
+ACCELERATION = (
+    "the base is set to take velocity commands for accelerations (input bitmap 0x{:X}): it would not stop when told "
+    "to; allow the driver to write it (write_parameters)"
+)
+FILTERED = (
+    "the base is set to filter commands (input bitmap 0x{:X}), which makes it stop later than its limits say: "
+    "allow the driver to write it (write_parameters)"
 )
 
 
@@ -49,7 +61,7 @@ def judge(
     config: Rmp110Config,
     speak: Callable[[MotionScale], Language],
     *,
-    charging_bit: int,
+    input_bits: InputBits,
     firmware: str = "",
     fault_log: FaultLog | None = None,
     fault_groups: Sequence[Group] = GROUPS,
@@ -78,12 +90,24 @@ def judge(
         scale=scale,
         language=speak(scale),
         differences=stored.differing(config.expected),
-        refusal=_refusal(stored, config),
-        warnings=(CHARGING,) if int(stored["input_bitmap"]) & charging_bit else (),
+        refusal=_bitmap_refusal(int(stored["input_bitmap"]), input_bits) or _refusal(stored, config),
+        warnings=_warnings(int(stored["input_bitmap"]), input_bits),
         firmware=firmware,
         fault_log=fault_log,
         fault_groups=tuple(fault_groups),
     )
+
+
+def _warnings(bitmap: int, bits: InputBits) -> tuple[str, ...]:
+    charging = (CHARGING,) if bitmap & bits.charging else ()
+    lateral = (LATERAL,) if bits.limit_mapping & ~bitmap else ()
+    return charging + lateral
+
+
+def _bitmap_refusal(bitmap: int, bits: InputBits) -> str | None:
+    if bitmap & bits.acceleration:
+        return ACCELERATION.format(bitmap)
+    return FILTERED.format(bitmap) if bitmap & bits.filters else None
 
 
 def _refusal(stored: Stored, config: Rmp110Config) -> str | None:

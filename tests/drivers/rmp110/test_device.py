@@ -454,6 +454,31 @@ async def test_a_base_that_drives_while_charging_is_warned_of() -> None:
         await base.request_mode(TRACTOR)
 
 
+@pytest.mark.parametrize(
+    ("bitmap", "sentence"),
+    [(0x103, "take velocity commands for accelerations"), (0x301, "filter commands"), (0x1001, "filter commands")],
+)
+@virtual_time
+async def test_a_base_that_follows_commands_otherwise_is_not_driven(bitmap: int, sentence: str) -> None:
+    async with rig(stored={"input_bitmap": bitmap}) as it:
+        async with it.device() as base:
+            await base.ready(READY_S)
+            with pytest.raises(RmpLimitsDiffer, match=sentence):
+                await base.request_mode(TRACTOR)
+            assert it.model.state is OperationalState.STANDBY
+        async with it.device(dataclasses.replace(CONFIG, write_parameters=True)) as base:
+            await base.ready(READY_S)
+            assert it.model.stored["input_bitmap"] == bitmap & 0x101
+            await base.request_mode(TRACTOR)
+
+
+@virtual_time
+async def test_a_base_that_scales_its_yaw_rate_is_warned_of() -> None:
+    async with rig(stored={"input_bitmap": 0x100}) as it, it.device() as base:
+        identity = await base.ready(READY_S)
+        assert "turn less than commanded" in identity.warnings[0]
+
+
 @virtual_time
 async def test_a_booting_base_is_read_but_not_asked_to_drive() -> None:
     async with rig(boot_s=3.0) as it, it.device() as base:

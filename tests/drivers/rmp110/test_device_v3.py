@@ -91,6 +91,20 @@ async def test_v3_parameters_are_written_at_once_without_the_charging_bit_and_re
         assert it.model.stored.differing(BRISK) == {}
 
 
+@pytest.mark.parametrize("bitmap", [0x100, 0x4000])
+@virtual_time
+async def test_a_v3_base_that_filters_commands_is_not_driven_until_that_is_written(bitmap: int) -> None:
+    it = v3_rig({"input_bitmap": bitmap})
+    async with it.device() as base:
+        await base.ready(READY_S)
+        with pytest.raises(RmpLimitsDiffer, match="filter commands"):
+            await base.request_mode(TRACTOR)
+    async with it.device(dataclasses.replace(CONFIG_V3, write_parameters=True)) as base:
+        await base.ready(READY_S)
+        assert it.model.stored["input_bitmap"] == 0
+        await base.request_mode(TRACTOR)
+
+
 @virtual_time
 async def test_a_stream_that_stops_is_asked_for_again_and_silence_ends_the_link() -> None:
     it = v3_rig()

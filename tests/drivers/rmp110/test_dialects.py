@@ -122,7 +122,7 @@ def test_no_dialect_lets_a_dangerous_command_pass(frame: Frame, dialect: Dialect
     if number == book.actions[Action.MODE_REQUEST]:
         assert word in (ModeRequest.STANDBY, ModeRequest.TRACTOR)
     if number == book.parameter("input_bitmap").number:
-        assert word & book.drive_while_charging == 0
+        assert word & book.input_bits.unwanted == 0
 
 
 def test_mode_requests_of_one_dialect_do_not_pass_as_another() -> None:

@@ -14,6 +14,7 @@ from drivers.rmp110.codec.feedback import COMPACT, COMPACT_BITMAPS, Dialect
 from drivers.rmp110.codec.frames import Frame
 from drivers.rmp110.codec.parameters import RMP110_STORED, Stored
 from drivers.rmp110.codec.v3.packets import FAULT_LOG, pack_status, parse_packet
+from drivers.rmp110.codec.v3.whitelist import INPUT_BITS
 from drivers.rmp110.codec.v3.words import LAYOUT, PARAMETERS
 from drivers.rmp110.device.identify import conclude
 from drivers.rmp110.device.journal import Journal
@@ -46,7 +47,7 @@ class Wire:
 def v3_stream(order: str) -> tuple[Stream, Journal]:
     stored = Stored.of({}, parameters=PARAMETERS)
     config, journal = Rmp110Config(protocol="v3"), Journal()
-    identity = judge(Dialect.V3, stored, LAYOUT, config, partial(V3Language, order), charging_bit=0x2)
+    identity = judge(Dialect.V3, stored, LAYOUT, config, partial(V3Language, order), input_bits=INPUT_BITS)
     link = Link(Wire(), None)
     return Stream(link, identity, config, Pilot(link, identity), journal), journal
 

@@ -7,14 +7,14 @@ import struct
 from collections.abc import Callable, Mapping
 
 from drivers.rmp110.codec.frames import Frame, word_to_float
-from drivers.rmp110.codec.parameters import ModeRequest
+from drivers.rmp110.codec.parameters import InputBits, ModeRequest
 from drivers.rmp110.codec.v3.commands import CONFIG_ID, GENERAL_ID, MOTION_ID, General
 from drivers.rmp110.codec.v3.words import CONFIG_WORDS, PARAMETERS
 
 MAX_MPS, MAX_RPS = 8.047, 4.5
 """Firmware maxima (fact sheet section 7); a V3 base takes m/s and rad/s, not shares."""
-CHARGING_BIT = 0x2
-"""Of the input bitmap: allows driving while the charger is plugged in, never set from here."""
+INPUT_BITS = InputBits(charging=0x2, acceleration=0, filters=0x7F80, limit_mapping=0)
+"""Fact sheet section 11: filters of velocity and yaw, no acceleration mapping."""
 MOTION_BYTES, GENERAL_BYTES, CONFIG_BYTES = 12, 8, 4 * CONFIG_WORDS
 
 _GENERAL: Mapping[int, Callable[[int], bool]] = {
@@ -50,8 +50,8 @@ def _config(data: bytes) -> str | None:
     for parameter, (word,) in zip(PARAMETERS, struct.iter_unpack(">I", data), strict=False):
         if not parameter.accepts(word):
             return f"parameter {parameter.name} = 0x{word:08X} is outside its documented range"
-        if parameter.name == "input_bitmap" and word & CHARGING_BIT:
-            return "an input bitmap that allows driving while the charger is plugged in is never written"
+        if parameter.name == "input_bitmap" and word & INPUT_BITS.unwanted:
+            return "an input bitmap that filters commands or allows driving while the charger is plugged in"
     return None
 
 
