@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from calibration.mounting import LidarMount
 from ghal360_robot.assembly import lidar_mount
 from ghal360_robot.freshness import RateWatch
-from ghal360_robot.messages import Inputs, Stops
+from ghal360_robot.messages import HeadPose, Inputs, Stops, Twist
 from ghal360_robot.safety.mux import FUTURE_NS
 from ghal360_robot.surroundings import look_around
 
@@ -96,12 +96,15 @@ class Board:
         Who does not hold the lease is a bystander. A message that was overtaken by a newer one of the same
         holder, or is stamped later than now, is refused. Stops count in all of them.
         """
+        if not _is_count(message.disarm_presses) or not _is_count(message.estop_presses):
+            self.estop()  # nobody can tell whether somebody wanted to stop: then somebody did
         if not (_counts_are_sane(message) and _holder_is_sane(message)):
             self.refused += 1
+            self._stop_of_nonsense(message)
             return
         newest = self.operator
         from_driver = message.holder == self.driver
-        overtaken = newest is not None and message.holder == newest.holder and message.stamp_ns < newest.stamp_ns
+        overtaken = newest is not None and message.holder == newest.holder and message.stamp_ns <= newest.stamp_ns
         if is_sane(message) and from_driver and not overtaken and not _is_from_the_future(message):
             self._keep_stops(message)
             self.operator = message
@@ -121,8 +124,11 @@ class Board:
 
     def put_command(self, command: Command) -> None:
         """The newest wish of a source other than operator and brain; repeated for as long as it is meant."""
-        if command.source in self.commands or len(self.commands) < MAX_NAMES:
+        known = command.source in self.commands or len(self.commands) < MAX_NAMES
+        if known and _is_stamp(command.stamp_ns) and _are_numbers(command.twist.v, command.twist.w):
             self.commands[command.source] = command
+        else:
+            self.refused += 1
 
     def withdraw(self, source: str) -> None:
         """A source has finished properly; one that only falls silent holds the robot still for a while."""
@@ -130,8 +136,11 @@ class Board:
 
     def put_lock(self, lock: Lock) -> None:
         """Hold the robot or let it go; a lock whose publisher falls silent holds."""
-        if lock.name in self.locks or len(self.locks) < MAX_NAMES:
+        if (lock.name in self.locks or len(self.locks) < MAX_NAMES) and _is_stamp(lock.stamp_ns):
             self.locks[lock.name] = lock
+        else:
+            self.refused += 1
+            self.stop()  # a lock that cannot be kept might be one that holds
 
     def stop(self) -> None:
         """Disarm, whoever asks."""
@@ -166,12 +175,23 @@ class Board:
     def _keep_stops(self, following: OperatorInput) -> None:
         """A stop in a message that is replaced before any tick saw it, by one that does not repeat it."""
         unseen, seen = self.operator, self._snapped
-        if unseen is None or unseen is seen or (seen is not None and unseen.holder != seen.holder):
+        if unseen is None or unseen is seen:
             return
+        if seen is not None and unseen.holder != seen.holder:
+            seen = None
         disarm, estop = (0, 0) if seen is None else (seen.disarm_presses, seen.estop_presses)
         if unseen.disarm_presses > max(disarm, following.disarm_presses):
             self.stop()
         if unseen.estop_presses > max(estop, following.estop_presses):
+            self.estop()
+
+    def _stop_of_nonsense(self, message: OperatorInput) -> None:
+        """Stops in a message that is refused for something else in it."""
+        before = self.operator
+        disarm, estop = (0, 0) if before is None else (before.disarm_presses, before.estop_presses)
+        if _is_count(message.disarm_presses) and message.disarm_presses > disarm:
+            self.stop()
+        if _is_count(message.estop_presses) and message.estop_presses > estop:
             self.estop()
 
     def _watch_bystander(self, message: OperatorInput) -> None:
@@ -196,10 +216,15 @@ class Board:
 def is_sane(message: OperatorInput) -> bool:
     """Whether every number is finite and every count a whole number that a finger can reach."""
     head, stick = message.head, message.stick
+    if not (_is_a(head, HeadPose) and (stick is None or _is_a(stick, Twist))):
+        return False
     angles = (head.yaw, head.pitch, head.fov, *((stick.v, stick.w) if stick is not None else ()))
     return (
-        all(isinstance(x, float | int) and math.isfinite(x) and abs(x) < MAX_NUMBER for x in angles)
-        and isinstance(message.latency_s, float | int)
+        _are_numbers(*angles)
+        and all(math.isfinite(x) and abs(x) < MAX_NUMBER for x in angles)
+        and isinstance(message.deadman, bool)
+        and _is_stamp(message.stamp_ns)
+        and _are_numbers(message.latency_s)
         and 0.0 <= message.latency_s <= MAX_LATENCY_S
         and _counts_are_sane(message)
         and _holder_is_sane(message)
@@ -208,7 +233,25 @@ def is_sane(message: OperatorInput) -> bool:
 
 def _counts_are_sane(message: OperatorInput) -> bool:
     counts = (message.arm_presses, message.disarm_presses, message.estop_presses, message.found_presses)
-    return all(isinstance(n, int) and 0 <= n < MAX_PRESSES for n in counts)
+    return all(_is_count(n) for n in counts)
+
+
+def _is_a(value: object, kind: type) -> bool:
+    """Messages come from outside: their fields are what they say only once this was asked."""
+    return isinstance(value, kind)
+
+
+def _is_count(value: object) -> bool:
+    return isinstance(value, int) and 0 <= value < MAX_PRESSES
+
+
+def _is_stamp(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def _are_numbers(*values: object) -> bool:
+    """Whether each is a number at all; NaN and infinities are for the safety chain to name."""
+    return all(isinstance(value, float | int) and not isinstance(value, bool) for value in values)
 
 
 def _holder_is_sane(message: OperatorInput) -> bool:

@@ -172,7 +172,9 @@ class SafetySection(_Section):
         {}, max_length=8, description="Locks that have to be published, each with the priority it holds back"
     )
     lock_hold_s: Seconds = Field(0.5, description="A lock whose publisher is silent this long holds")
-    tick_gap_s: float = Field(0.2, ge=0.05, le=1.0, description="A control loop that stood still this long: disarmed")
+    tick_gap_s: float = Field(
+        0.15, ge=0.05, le=0.18, description="A control loop that stood still this long: disarmed"
+    )
     latency_s: Thresholds = Field((0.3, 0.5, 0.8), description="Operator's round trip: warn, half speed, stop")
     battery_percent: Thresholds = Field((25.0, 15.0, 8.0), description="Warn, half speed, disarm")
     temperature_degc: Thresholds = Field((50.0, 55.0, 60.0), description="Hottest battery: warn, half speed, disarm")
@@ -222,6 +224,15 @@ class RobotConfig(_Section):
     intent: IntentSection = IntentSection()
     safety: SafetySection = SafetySection()
     logbook: LogbookSection = LogbookSection()
+
+    @model_validator(mode="after")
+    def _base_can(self) -> RobotConfig:
+        """Zones are sized by what the base can do, which is what it has stored."""
+        for name in ("accel", "w_accel"):
+            wanted, stored = getattr(self.safety, name), getattr(self.rmp110, f"stored_{name}")
+            if wanted > stored:
+                raise ValueError(f"safety.{name} ({wanted:g}) is more than rmp110.stored_{name} ({stored:g})")
+        return self
 
     def sha256(self) -> str:
         """Hash of the effective settings; the same for the same robot, whatever the file looked like."""

@@ -48,7 +48,7 @@ class RateWatch:
     def at(self, now_ns: int, *, valid: bool) -> Freshness:
         if self._last_ns is None:
             return Freshness(alive=False, rate_ok=False, valid=valid, age_s=math.inf)
-        age_s = max(0.0, (now_ns - self._last_ns) / 1e9)
+        age_s = max(0.0, (now_ns - self._last_ns) / 1e9)  # an arrival since the tick's stamp was taken
         young = now_ns - self._first_ns < MATURE_NS
         rate_ok = young or self.rate_hz(now_ns) >= RATE_FLOOR * self.expected_hz
         return Freshness(alive=age_s <= self.alive_s, rate_ok=rate_ok, valid=valid, age_s=age_s)

@@ -133,15 +133,65 @@ def test_a_stop_counts_in_a_message_that_is_refused_as_overtaken_or_from_the_fut
 
 def test_a_stop_counts_where_another_message_replaces_it_before_the_tick() -> None:
     board = make_board(RobotConfig(), 20.0)
-    board.put_operator(replace(GOOD, disarm_presses=1))
+    board.put_operator(replace(GOOD, stamp_ns=6, disarm_presses=1))
     board.snapshot(6, 0, armed=False)
-    board.put_operator(replace(GOOD, disarm_presses=1, estop_presses=1))
-    board.put_operator(replace(GOOD, disarm_presses=1, estop_presses=1))
-    board.put_operator(GOOD)
+    board.put_operator(replace(GOOD, stamp_ns=7, disarm_presses=1, estop_presses=1))
+    board.put_operator(replace(GOOD, stamp_ns=8, disarm_presses=1, estop_presses=1))
+    board.put_operator(replace(GOOD, stamp_ns=9))
     assert board.stops == Stops(estop=1)
     board.snapshot(7, 1, armed=False)
-    board.put_operator(replace(GOOD, disarm_presses=1))
-    board.put_operator(replace(GOOD, disarm_presses=2))
+    board.put_operator(replace(GOOD, stamp_ns=10, disarm_presses=1))
+    board.put_operator(replace(GOOD, stamp_ns=11, disarm_presses=2))
     assert board.stops == Stops(estop=1)
-    board.put_operator(GOOD)
+    board.put_operator(replace(GOOD, stamp_ns=12))
     assert board.stops == Stops(disarm=1, estop=1)
+
+
+@pytest.mark.parametrize("other", [{"found_presses": 1.0}, {"arm_presses": -1}, {"holder": 7}, {"deadman": "no"}])
+def test_an_emergency_stop_counts_whatever_else_is_wrong_with_its_message(other: dict[str, object]) -> None:
+    board = make_board(RobotConfig(), 20.0)
+    board.put_operator(GOOD)
+    board.put_operator(replace(GOOD, stamp_ns=9, estop_presses=1, **other))  # type: ignore[arg-type]
+    assert board.stops.estop == 1
+    assert board.operator is GOOD
+
+
+@pytest.mark.parametrize("count", [-1, 1.5, None, "1", 10**30])
+def test_a_stop_count_that_is_no_count_is_a_stop(count: object) -> None:
+    board = make_board(RobotConfig(), 20.0)
+    board.put_operator(replace(GOOD, estop_presses=count))  # type: ignore[arg-type]
+    assert board.stops.estop >= 1
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        replace(GOOD, stamp_ns=math.nan),
+        replace(GOOD, deadman="false"),
+        replace(GOOD, head=None),
+        replace(GOOD, stick=(0.1, 0.0)),
+    ],
+)
+def test_what_is_of_the_wrong_kind_is_refused_and_breaks_nothing(message: OperatorInput) -> None:
+    board = make_board(RobotConfig(), 20.0)
+    board.put_operator(message)
+    assert board.operator is None
+    assert board.refused == 1
+
+
+def test_commands_and_locks_without_a_proper_stamp_are_refused_and_a_lock_that_cannot_be_kept_stops() -> None:
+    board = make_board(RobotConfig(), 20.0)
+    board.put_command(Command("test", math.nan, Twist(0.1, 0.0)))  # type: ignore[arg-type]
+    board.put_command(Command("test", 5, Twist(None, 0.0)))  # type: ignore[arg-type]
+    assert board.commands == {}
+    for number in range(20):
+        board.put_lock(Lock(f"lock {number}", 5, engaged=True))
+    assert board.stops.disarm > 0
+
+
+def test_of_two_messages_with_one_stamp_the_first_counts() -> None:
+    board = make_board(RobotConfig(), 20.0)
+    board.put_operator(GOOD)
+    board.put_operator(replace(GOOD, deadman=False, estop_presses=1))
+    assert board.operator is GOOD
+    assert board.stops.estop == 1

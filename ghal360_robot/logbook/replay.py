@@ -119,7 +119,7 @@ class _Newest(Generic[Message]):
             message = next(self._messages, None)
             if message is None:
                 raise RecordingNotReadableError(f"The recording lacks some of the {self._what} that its ticks saw.")
-            self._kept[message.stamp_ns] = message
+            self._kept.setdefault(message.stamp_ns, message)
             if len(self._kept) > self.KEPT:
                 del self._kept[next(iter(self._kept))]
         return self._kept[stamp_ns]
