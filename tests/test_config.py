@@ -44,7 +44,7 @@ def test_every_setting_of_the_example_is_explained_or_named_with_its_unit() -> N
         ("[rmp110]\ninterface = 'socketcand'", "needs host and port"),
         ("[safety\n", "not valid TOML"),
         ("\x00", "not valid TOML"),
-        ("[safety]\nw_accel = 6.0\n", "safety.w_accel (6) is more than rmp110.stored_w_accel (1.5)"),
+        ("[safety]\nw_accel = 6.0\n", "is more than rmp110.stored_w_accel"),
         ("[safety]\ntick_gap_s = 0.3\n", "tick_gap_s"),
     ],
 )
