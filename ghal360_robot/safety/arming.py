@@ -30,6 +30,8 @@ class Arming:
     arm_seen: int | None = None
     disarm_seen: int = 0
     estop_seen: int = 0
+    silent: bool = False
+    """Whether the operator was, at the tick before."""
     holder: str = ""
     """Who sent the counts."""
     stops_seen: Stops = Stops()
@@ -107,20 +109,20 @@ def _presses(
     replaced = another and arming.arm_seen is not None
     fell_ns = now_ns if fell else arming.fell_ns
     unsettled = fell_ns is not None and now_ns - fell_ns < SETTLE_NS
-    new_start = silent or another or arming.arm_seen is None or unsettled
+    new_start = silent or arming.silent or another or arming.arm_seen is None or unsettled
     old = (0, 0, 0) if another else seen
     names = ("arm", "disarm", "estop")
     pressed = {name for name, now, before in zip(names, counts, old, strict=True) if now > before}
     if new_start:
         pressed.discard("arm")
-    arm_seen = None if silent else counts[0]
-    if (arm_seen, counts[1], counts[2]) == (arming.arm_seen, *seen[1:]) and not another:
+    if counts == (arming.arm_seen, *seen[1:]) and silent is arming.silent and not another:
         return arming, frozenset(pressed), replaced
     updated = replace(
         arming,
-        arm_seen=arm_seen,
+        arm_seen=counts[0],
         disarm_seen=counts[1],
         estop_seen=counts[2],
+        silent=silent,
         holder=operator.holder,
         fell_ns=fell_ns,
     )

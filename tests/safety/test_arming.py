@@ -112,13 +112,22 @@ def test_disarming_wins_over_arming_and_is_named() -> None:
 def test_a_silence_makes_the_next_message_a_new_start_for_arming_but_not_for_stops() -> None:
     before = after(tick(0))
     silent = step(before, tick(1), SILENT, ())
-    assert silent.arm_seen is None
+    assert silent.silent
     assert after(tick(2, arm=1), arming=silent).state is ArmState.DISARMED
     assert after(tick(2, arm=1), tick(3, arm=2), arming=silent).state is ArmState.ARMED
     assert after(tick(2, estop=1), arming=silent).state is ArmState.ESTOP
     pressed_while_silent = step(before, tick(1, arm=1), SILENT, ())
     assert pressed_while_silent.state is ArmState.DISARMED
     assert after(tick(2, arm=1), arming=pressed_while_silent).state is ArmState.DISARMED
+
+
+def test_who_takes_over_during_a_silence_finds_the_robot_disarmed() -> None:
+    silent = step(armed(), tick(3, arm=1), SILENT, ())
+    successor = after(tick(4, holder="b"), arming=silent)
+    assert (successor.state, successor.reason) == (ArmState.DISARMED, "another operator took over")
+    reloaded = after(tick(4), arming=silent)
+    assert (reloaded.state, reloaded.reason) == (ArmState.DISARMED, "another operator took over")
+    assert after(tick(4, arm=1), tick(5, arm=1), arming=reloaded).state is ArmState.DISARMED
 
 
 def test_an_armed_robot_stays_armed_over_a_short_silence() -> None:
