@@ -34,7 +34,11 @@ class RmpTimeout(RmpError, TimeoutError):
 
 
 class RmpSendDropped(RmpError, OSError):
-    """The bus did not take a frame; the frame is gone, nothing is queued."""
+    """A frame was not taken by the bus, and is gone. One that was taken may still wait in the kernel's queue."""
+
+
+class RmpUnacknowledged(RmpSendDropped):
+    """Nobody acknowledges on the bus: a motion command would wait in its queue, and was not sent."""
 
 
 class RmpTooFast(RmpSendDropped):

@@ -14,7 +14,16 @@ from drivers.rmp110.codec.dialect import Action, Dialect
 from drivers.rmp110.codec.feedback import COMPACT_BITMAPS, FACTORY_BITMAPS, Layout
 from drivers.rmp110.codec.feedback_words import WORDS, Word
 from drivers.rmp110.codec.frames import CONFIG_ID, Frame, pack_words
-from drivers.rmp110.codec.parameters import BY_NAME, CAN_INPUT_BITS, PARAMETERS, InputBits, Kind, Number, Parameter, Stored
+from drivers.rmp110.codec.parameters import (
+    BY_NAME,
+    CAN_INPUT_BITS,
+    PARAMETERS,
+    InputBits,
+    Kind,
+    Number,
+    Parameter,
+    Stored,
+)
 
 Bitmaps = tuple[int, int, int, int]
 

@@ -20,11 +20,15 @@ from drivers.rmp110.errors import (
     RmpSendDropped,
     RmpTimeout,
     RmpTooFast,
+    RmpUnacknowledged,
     RmpWrongMode,
 )
 
 SILENCE_S = 0.3
 """Feedback missing for so long ends the link (fact sheet 13.5); the base stops by itself at 0.5 s."""
+UNANSWERED_S = 0.08
+"""Every command is answered within 10 ms. After four at 50 Hz that were not, a bus that holds frames back may have
+them in its queue of ten: from then on only zero follows, so that what comes last there, and is obeyed, is zero."""
 COMMAND_FRESH_S = 0.3
 """A motion command not renewed for so long is replaced by zero (fact sheet 13.5)."""
 MIN_PERIOD_S = 0.01
@@ -120,16 +124,25 @@ class Pilot:
         except RmpBadCommand:
             self._link.dropped += 1
             raise
-        moving = command.velocity != 0 or command.yaw_rate != 0
+        moving = wanted = command.velocity != 0 or command.yaw_rate != 0
         refusal = self.refusal()
         if refusal and (moving or not isinstance(refusal, RmpHeld)):
             raise refusal
         if moving and not self._older_than(MIN_PERIOD_S, self._clock()):
             self._link.dropped += 1
             raise RmpTooFast("the base takes a motion command every 10 ms at most; this one was not sent")
-        if not self._watchdog.pass_on(lambda: self._link.send(frame), moving=moving):
+        if moving and self._clock() - self._seen_ns > UNANSWERED_S * 1e9:
+            frame, command = self._language.motion(0.0, 0.0)
+            moving = False
+        try:
+            passed = self._watchdog.pass_on(lambda: self._link.send(frame), moving=moving)
+        except RmpUnacknowledged:
+            # What was sent before may wait in a queue: zero comes after it.
+            self._moving = not self._say_zero()
+            raise
+        if not passed:
             raise RmpHeld(HELD)
-        if not moving:
+        if not wanted:
             self._watchdog.release()
         self._moving = moving
         self.last_motion_ns = self._clock()

@@ -148,9 +148,10 @@ class Rmp110:
     def send_motion(self, v: float, w: float) -> Normalised:
         """Drive with `v` m/s and `w` rad/s (counter-clockwise), clamped to configured and stored limits.
 
-        Goes out at once or not at all. Returns what was applied. Raises RmpRefused (and its kinds; RmpHeld
-        after the watchdog stopped the base, until zero was commanded), RmpBadCommand (not a finite number),
-        RmpTooFast (less than 10 ms after the last one, and not zero), RmpSendDropped (bus full), RmpLinkError.
+        Goes out at once or not at all, and as zero while the base does not answer. Returns what was applied.
+        Raises RmpRefused (and its kinds; RmpHeld after the watchdog stopped the base, until zero was commanded),
+        RmpBadCommand (not a finite number), RmpTooFast (less than 10 ms after the last one, and not zero),
+        RmpSendDropped (bus full, or nobody acknowledges), RmpLinkError.
         """
         return self._identified().send_motion(v, w)
 

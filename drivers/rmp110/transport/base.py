@@ -56,9 +56,12 @@ class Transport(Protocol):
         """Open the bus and start handing over frames. Raises RmpInterfaceError with one clear sentence."""
 
     def send(self, frame: Frame) -> None:
-        """Put one frame on the wire now, or not at all: nothing is queued. May be called from any thread.
+        """Hand one frame to the bus now, or not at all. May be called from any thread.
 
-        Raises RmpForbiddenFrame (never sent), RmpSendDropped (the bus is full), RmpLinkError (bus gone).
+        What the bus takes it may hold back, where nobody acknowledges, until somebody does: a kernel queues some
+        ten frames. Whoever sends motion sees to it that the last one in such a queue is zero (`device.pilot`).
+        Raises RmpForbiddenFrame (never sent), RmpSendDropped (the bus is full), RmpUnacknowledged (the bus says
+        that nobody hears; only for motion), RmpLinkError (bus gone).
         """
 
     async def close(self) -> None:

@@ -13,13 +13,13 @@ from typing import Any
 
 import can
 
-from drivers.rmp110.codec.frames import FILTER_ID, FILTER_MASK, Frame
+from drivers.rmp110.codec.frames import FILTER_ID, FILTER_MASK, MOTION_ID, Frame
 from drivers.rmp110.codec.whitelist import forbidden
-from drivers.rmp110.errors import RmpForbiddenFrame, RmpLinkError, RmpSendDropped
+from drivers.rmp110.errors import RmpForbiddenFrame, RmpLinkError, RmpSendDropped, RmpUnacknowledged
 from drivers.rmp110.transport.base import FrameSink, Guard, LossSink, TransportStats, WarningSink
 from drivers.rmp110.transport.bus_health import BusHealth
 from drivers.rmp110.transport.bus_lock import BusLock
-from drivers.rmp110.transport.error_frames import parse_error_frame
+from drivers.rmp110.transport.error_frames import PASSIVE, ErrorClass, parse_error_frame
 from drivers.rmp110.transport.open_bus import open_bus, plain
 from drivers.rmp110.transport.reader import BusReader
 from drivers.rmp110.transport.socketcand import SocketcandBus
@@ -38,6 +38,9 @@ class CanTransport:
     With `exclusive` nobody else who asks for the same bus gets it, on this machine; `lock_dir` says where the
     lock files are (see `bus_lock`). `on_warning` is told, in the event loop, when the bus works and is in trouble;
     without one that goes to the log. `guard` has the last word on every frame; only dialect B1 needs another one.
+
+    A socketcan interface keeps up to `txqueuelen` frames while nobody acknowledges, and sends them once somebody
+    does. It comes with ten; leave it at that.
     """
 
     def __init__(
@@ -65,6 +68,8 @@ class CanTransport:
         self._echoes: deque[Frame] | None = deque(maxlen=ECHOES) if interface == "udp_multicast" else None
         self._lost: str | None = None
         self._health = BusHealth(channel)
+        self._unheard = False
+        """Whether the controller said so, and the base has not been heard since."""
         self._foreign_kind = 0
         self._received = self._sent = self._dropped = 0
 
@@ -104,6 +109,12 @@ class CanTransport:
         reason = self._guard(frame)
         if reason is not None:
             raise RmpForbiddenFrame(f"stopped right before the wire: {reason}")
+        if self._unheard and frame.can_id == MOTION_ID and any(frame.data):
+            self._dropped += 1
+            raise RmpUnacknowledged(
+                f"a motion command was not sent: nobody acknowledges on CAN interface {self.channel}; "
+                "check that the base is on and the cable plugged"
+            )
         message = can.Message(arbitration_id=frame.can_id, data=frame.data, is_extended_id=False)
         with self._sending:
             if self._lost is not None:
@@ -186,10 +197,13 @@ class CanTransport:
             self._echoes.remove(frame)
             return
         self._received += 1
+        self._unheard = False
         self._on_frame(stamp_ns, frame)
 
     def _judge(self, message: can.Message) -> None:
-        warning, lost = self._health.judge(parse_error_frame(message.arbitration_id, bytes(message.data)))
+        frame = parse_error_frame(message.arbitration_id, bytes(message.data))
+        self._unheard = self._unheard or frame.has(ErrorClass.NO_ACK) or bool(frame.controller & PASSIVE)
+        warning, lost = self._health.judge(frame)
         if warning and self._lost is None:
             self._on_warning(warning)
         if lost:

@@ -8,8 +8,10 @@ answers in packets of their own, and blocks in `send`. This one does none of tha
 from __future__ import annotations
 
 import errno
+import fcntl
 import select
 import socket
+import struct
 import time
 from collections import deque
 
@@ -24,6 +26,8 @@ SEND_BUFFER_BYTES = 4096
 UNHEARD_MS = 2000
 """A server that acknowledges nothing for so long is gone, though nobody closed the connection."""
 CHUNK_BYTES = 65536
+SIOCOUTQNSD = 0x894B
+"""Linux' question for the bytes of a TCP socket that were not sent yet; Python does not name it."""
 
 
 class SocketcandBus(can.BusABC):
@@ -115,7 +119,17 @@ class SocketcandBus(can.BusABC):
 
     def shutdown(self) -> None:
         super().shutdown()
+        if self._waiting_bytes():
+            # A server that cannot be reached now must not get old motion later: a reset takes back what waits.
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         self._socket.close()
+
+    def _waiting_bytes(self) -> int:
+        """What the kernel has not even put on the wire; a zero that is on its way already may arrive."""
+        if self._socket.fileno() < 0:
+            return 0
+        (count,) = struct.unpack("i", fcntl.ioctl(self._socket, SIOCOUTQNSD, bytes(4)))
+        return int(count)
 
     @property
     def damaged(self) -> int:

@@ -557,6 +557,24 @@ async def test_a_full_bus_drops_commands_and_the_next_one_goes_out() -> None:
 
 
 @virtual_time
+async def test_what_a_pulled_plug_leaves_in_the_kernels_queue_ends_with_zero() -> None:
+    async with rig() as it, it.device() as base:
+        await base.ready(READY_S)
+        await base.request_mode(TRACTOR)
+        await drive(base, 0.3, 0.2, 0.5)
+        pulled = len(it.wire)
+        it.bus.silent = it.bus.deaf = True
+        for _ in range(14):
+            base.send_motion(0.3, 0.2)
+            await asyncio.sleep(0.02)
+        queued = [frame for frame in it.wire[pulled:] if frame.to_base][:10]
+        motions = [frame.data for frame in queued if frame.can_id == MOTION_ID]
+        assert motions.count(ZERO) >= 4
+        assert ZERO not in motions[:3], "a lost reply or two stop nobody"
+        assert set(motions[-4:]) == {ZERO}, "these take effect when the plug is back in"
+
+
+@virtual_time
 async def test_the_recorder_gets_every_frame_both_ways() -> None:
     tape: list[tuple[str, int]] = []
     async with rig() as it, it.device(hook=lambda _ns, way, can_id, _data: tape.append((way, can_id))) as base:

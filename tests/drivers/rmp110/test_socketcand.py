@@ -7,7 +7,7 @@ import errno
 import socket
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import can
@@ -98,6 +98,8 @@ class Peer:
 
     def __init__(self) -> None:
         self.listener = socket.create_server(("127.0.0.1", 0))
+        # Little room, so that what it does not read soon waits at the sender.
+        self.listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
         self.port = int(self.listener.getsockname()[1])
         self.connection: socket.socket | None = None
         self._thread = threading.Thread(target=self._accept, daemon=True)
@@ -224,6 +226,38 @@ def test_a_server_that_is_not_there_is_reported_quickly() -> None:
     with pytest.raises(ConnectionRefusedError):
         SocketcandBus("can0", "127.0.0.1", port)
     assert time.monotonic() - started < 1
+
+
+def test_what_a_silent_server_did_not_take_is_taken_back_at_the_end(bus: SocketcandBus, peer: Peer) -> None:
+    connection = peer.accepted()
+    command = can.Message(arbitration_id=0x500, data=bytes(range(8)), is_extended_id=False)
+    deadline = time.monotonic() + 5
+    while not bus._waiting_bytes() and time.monotonic() < deadline:
+        # Acknowledgements make room a few times until the buffers of both ends are full.
+        with pytest.raises(can.CanOperationError, match="buffer full"):
+            repeat(lambda: bus.send(command))
+        time.sleep(0.05)
+    assert bus._waiting_bytes()
+    bus.shutdown()
+    with pytest.raises(ConnectionResetError):
+        repeat(lambda: connection.recv(65536))
+
+
+def repeat(action: Callable[[], object]) -> None:
+    """Until it raises, or long enough."""
+    for _ in range(1_000_000):
+        action()
+
+
+def test_what_was_said_last_still_arrives_after_an_ordinary_end(bus: SocketcandBus, peer: Peer) -> None:
+    connection = peer.accepted()
+    assert bus.recv(1.0) is not None
+    bus.send(can.Message(arbitration_id=0x500, data=bytes(8), is_extended_id=False))
+    bus.shutdown()
+    heard = b""
+    while data := connection.recv(65536):
+        heard += data
+    assert heard.endswith(b"< send 500 8 0 0 0 0 0 0 0 0 >")
 
 
 async def collect(bus: can.BusABC, count: int, timeout_s: float = 5) -> list[can.Message]:

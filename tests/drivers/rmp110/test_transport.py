@@ -16,7 +16,7 @@ from drivers.rmp110 import CanTransport
 from drivers.rmp110.codec.commands import POLL, motion, request_mode
 from drivers.rmp110.codec.frames import Frame
 from drivers.rmp110.codec.parameters import ModeRequest
-from drivers.rmp110.errors import RmpForbiddenFrame, RmpInterfaceError, RmpLinkError, RmpSendDropped
+from drivers.rmp110.errors import RmpForbiddenFrame, RmpInterfaceError, RmpLinkError, RmpSendDropped, RmpUnacknowledged
 from drivers.rmp110.transport import can_bus, reader
 from drivers.rmp110.transport.base import Transport
 
@@ -176,6 +176,26 @@ async def test_error_frames_pass_pythons_own_filter_on_the_way_in(ear: Ear, unti
     finally:
         other.shutdown()
         await transport.close()
+
+
+@pytest.mark.parametrize("trouble", [(0x020, bytes(8)), (0x004, bytes.fromhex("0020000000008000"))])
+async def test_nothing_that_moves_is_queued_while_nobody_acknowledges(
+    bus: FakeBus, ear: Ear, until: Any, trouble: tuple[int, bytes]
+) -> None:
+    transport = CanTransport("socketcan", "can0", on_warning=lambda _: None)
+    await ear.open(transport)
+    bus.script.append(message(*trouble, is_error_frame=True))
+    await until(lambda: transport.error_frames)
+    with pytest.raises(RmpUnacknowledged, match="nobody acknowledges"):
+        transport.send(motion(0.1, 0.0))
+    transport.send(motion(0.0, 0.0))
+    transport.send(POLL)
+    bus.script.append(message(0x502))
+    await until(lambda: ear.frames)
+    transport.send(motion(0.1, 0.0))
+    assert [sent.arbitration_id for sent in bus.sent] == [0x500, 0x501, 0x500]
+    assert transport.stats.dropped == 1
+    await transport.close()
 
 
 async def test_error_passive_is_told_as_a_warning_and_the_bus_goes_on(bus: FakeBus, ear: Ear, until: Any) -> None:
