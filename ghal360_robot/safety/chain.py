@@ -12,7 +12,6 @@ slows down by its own limit, so a stop needs nothing further from this computer.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -46,7 +45,7 @@ class SafetyState:
     source: str = ""
     """Whose command `last` was; empty after a hold."""
     stopped: float = 0.0
-    """The direction in which the collision monitor stopped the robot: +1 forwards, -1 backwards, 0 for none."""
+    """The speed that was asked for where the collision monitor let nothing of it through; 0 otherwise."""
     derating: Derating = Derating()
     memory: Memory = Memory()
     stamp_ns: int | None = None
@@ -66,11 +65,11 @@ class Safety:
         arming = gate.step(state.arming, inputs, stale, self._losses(state, inputs, readings))
         memory = remember(state.memory, inputs, limits)
         taken = mux.take(mux.asked(inputs, wanted), inputs.locks, now, limits.sources, limits.locks)
-        monitor, blind = watch(limits, memory, inputs, taken.source, state.stopped)
+        monitor = watch(limits, memory, inputs, taken.source, state.stopped)
         held = _held(arming, inputs, stale, readings) or taken.held
-        if held or monitor is None:
+        if held or isinstance(monitor, str):
             rest = SafetyState(arming, derating=levels, memory=memory, stamp_ns=now)
-            return rest, Applied(STILL, arming.state, held or (blind,), source=taken.source)
+            return rest, Applied(STILL, arming.state, held or (str(monitor),), source=taken.source)
         command, said = clamp(taken.twist, limits)
         command, slowed = derating.derate(command, readings)
         safe, avoiding, free_m = monitor.check(command)
@@ -79,7 +78,7 @@ class Safety:
         if twist != safe:
             twist, again, free_m = monitor.check(twist)
             avoiding = again or avoiding
-        stopped = math.copysign(1.0, command.v) if command.v and not safe.v else 0.0
+        stopped = 0.0 if safe.v else command.v
         after = SafetyState(arming, twist, taken.source, stopped, levels, memory, now)
         return after, Applied(twist, arming.state, said + slowed + avoiding + ramping, free_m, taken.source)
 

@@ -24,9 +24,6 @@ if TYPE_CHECKING:
     from ghal360_robot.messages import Inputs, Surroundings
     from ghal360_robot.safety.limits import SafetyLimits
 
-KNOWN_M = 0.02
-"""Places on the robot's way are noted every 5 cm: between two of them the outline lies this close to one."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Monitor:
@@ -43,7 +40,7 @@ class Monitor:
     source: str
     """Whose command it is: only a hand on the stick may back."""
     stopped: float
-    """The direction in which the robot had to stop before; see `zones.limit`."""
+    """The speed at which the robot had to stop before; see `zones.limit`."""
 
     def check(self, wanted: Twist) -> tuple[Twist, tuple[str, ...], float | None]:
         """The part of `wanted` that is safe, why not more, and the free metres on its way (None: nothing in it)."""
@@ -53,31 +50,38 @@ class Monitor:
         free, verdict = limit(self.around, twist, self.limits, self.measured, self.stopped)
         if free != twist:
             reasons = (*reasons, _words(free, twist, verdict))
+            why = self._blind(free)  # a slower or tighter way is another one
+            if why:
+                return STILL, (*reasons, why), None
         return free, reasons, verdict.free_m if math.isfinite(verdict.free_m) else None
 
     def _in_sight(self, wanted: Twist) -> tuple[Twist, tuple[str, ...]]:
         """Without what would lead into ground that the lidar does not look at."""
         turn = Twist(0.0, wanted.w)
         if wanted.v > 0.0 and self.scene.blind_ahead:
-            return turn, (self.scene.blind_ahead,)
+            return (STILL if self._blind(turn) else turn), (self.scene.blind_ahead,)
         why = self._blind(wanted)
-        if not why:
-            return wanted, ()
-        return (turn if wanted.v and not self._blind(turn) else STILL), (why,)
+        if why:
+            return (turn if wanted.v and not self._blind(turn) else STILL), (why,)
+        if wanted.v > self.limits.slow_max and self.scene.silent_ahead:
+            share = self.limits.slow_max / wanted.v
+            return Twist(self.limits.slow_max, share * wanted.w), (self.scene.silent_ahead,)
+        return wanted, ()
 
     def _blind(self, twist: Twist) -> str:
         """Why this motion would lead into unseen ground; empty where it does not."""
         footprint = self.limits.footprint
-        hidden = out_of_sight(self.seen, twist, footprint, [self._way_m(disc, twist) for disc in footprint])
+        hidden = out_of_sight(self.seen, twist, [(disc, self._way_m(disc, twist)) for disc in footprint])
         if not hidden:
             return ""
         word = "backwards" if twist.v < 0.0 else "curve" if twist.v else "turning"
         if twist.v < 0.0 and self.source != TELEOP:
             return f"{word}: lidar is blind there"
-        if any(person.confirmed and person.there_ns < self.scene.stamp_ns for person in self.memory.people):
-            return f"{word}: lidar is blind there, and somebody went out of sight"
+        someone_ns = self.memory.someone_ns
+        if someone_ns is not None and self.now_ns - someone_ns < self.limits.ground_memory_s * 1e9:
+            return f"{word}: lidar is blind there, and somebody is about"
         outline_m = max(disc.radius - math.hypot(disc.x, disc.y) for disc in footprint)
-        if known_free(self.memory, np.array(hidden), outline_m + KNOWN_M, self.now_ns).all():
+        if known_free(self.memory, np.array(hidden), outline_m, self.now_ns).all():
             return ""
         return f"{word}: lidar is blind there, and has not seen it lately"
 
@@ -87,19 +91,17 @@ class Monitor:
         return stopping_m(speed, self.limits.decel, self.limits.reaction_s)
 
 
-def watch(
-    limits: SafetyLimits, memory: Memory, inputs: Inputs, source: str, stopped: float
-) -> tuple[Monitor | None, str]:
-    """The monitor of this tick; or none, and why nothing is known about the surroundings."""
+def watch(limits: SafetyLimits, memory: Memory, inputs: Inputs, source: str, stopped: float) -> Monitor | str:
+    """The monitor of this tick; or why nothing is known about the surroundings."""
     seen, scene, base = inputs.surroundings, memory.scene, inputs.base
     if seen is None or scene is None or base is None:
-        return None, "no scan"
+        return "no scan"
     if abs(inputs.stamp_ns - seen.stamp_ns) > OLDEST_S * 1e9:
-        return None, "the scan is old"  # whenever it arrived
-    if scene.fault:
-        return None, scene.fault
+        return "the scan is old"  # whenever it arrived
     now_ns = inputs.stamp_ns
-    return Monitor(limits, memory, scene, seen, here(memory, now_ns), base.twist, now_ns, source, stopped), ""
+    return scene.fault or Monitor(
+        limits, memory, scene, seen, here(memory, now_ns), base.twist, now_ns, source, stopped
+    )
 
 
 def _words(free: Twist, wanted: Twist, verdict: Verdict) -> str:

@@ -6,7 +6,7 @@ All of it in the odometry frame, all of it bounded. When the odometry jumps, eve
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +15,7 @@ from ghal360_robot.angles import wrap
 from ghal360_robot.safety import people as crowd
 from ghal360_robot.safety.people import Person
 from ghal360_robot.safety.sight import MIDDLE_NS, Look, look, seen_free
-from ghal360_robot.safety.view import blind_ahead, scan_fault
+from ghal360_robot.safety.view import blind_ahead, scan_fault, silent_ahead
 from ghal360_robot.safety.zones import Around
 from ghal360_robot.trail import Trail
 
@@ -40,7 +40,7 @@ DRIVEN_M, DRIVEN_RAD, DRIVEN = 0.05, 0.1, 128
 """A place on the robot's own way is noted every so far, and so many of them are kept."""
 
 JUMP_M, JUMP_RAD = 0.3, 0.5
-"""No base moves so far between two states of its: its odometry has begun anew."""
+"""No base moves so much further than it can between two states of its: its odometry has begun anew."""
 
 
 NOTHING = np.zeros((0, 2))
@@ -62,6 +62,8 @@ class Scene:
     """Why the scan says nothing at all; empty where it does."""
     blind_ahead: str
     """Why it says nothing about the way ahead."""
+    silent_ahead: str = ""
+    """Why it says little enough about the way ahead to go slowly."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +85,8 @@ class Memory:
     people: tuple[Person, ...] = ()
     driven: tuple[Place, ...] = ()
     scene: Scene | None = None
+    someone_ns: int | None = None
+    """The newest scan with somebody about."""
 
 
 def remember(memory: Memory, inputs: Inputs, limits: SafetyLimits) -> Memory:
@@ -92,10 +96,10 @@ def remember(memory: Memory, inputs: Inputs, limits: SafetyLimits) -> Memory:
         return memory
     stamps = memory.trail.stamps
     if not stamps or base.stamp_ns != stamps[-1]:
-        if stamps and _jumped(memory.trail, base):
-            memory = Memory()
+        if stamps and _jumped(memory.trail, base, limits):
+            memory = Memory(someone_ns=memory.someone_ns)
         driven = _driven(memory.driven, base, limits.ground_memory_s)
-        memory = Memory(memory.trail.extended(base), memory.looks, memory.past, memory.people, driven, memory.scene)
+        memory = replace(memory, trail=memory.trail.extended(base), driven=driven)
     if around is None or (memory.scene is not None and around.stamp_ns == memory.scene.stamp_ns):
         return memory
     return _taken_in(memory, around, base.twist.w, limits)
@@ -145,12 +149,14 @@ def _taken_in(memory: Memory, around: Surroundings, turning: float, limits: Safe
     fault = scan_fault(around, limits.footprint)
     ahead = "" if fault else blind_ahead(around)
     first = len(parts[0])
-    scene = Scene(stamp_ns, np.concatenate(parts), first, first + len(parts[1]), fault, ahead)
+    silent = "" if fault or ahead else silent_ahead(around)
+    scene = Scene(stamp_ns, np.concatenate(parts), first, first + len(parts[1]), fault, ahead, silent)
     seen = look(around, pose, turning)
     past = tuple(old for old in memory.past if stamp_ns - old.stamp_ns <= limits.ground_memory_s * 1e9)
     if not past or stamp_ns - past[-1].stamp_ns >= PAST_NS:
         past = (*past[1 - PAST :], seen)
-    return Memory(memory.trail, (*looks[1 - LOOKS :], seen), past, people, memory.driven, scene)
+    someone_ns = stamp_ns if any(somebody.confirmed for somebody in people) else memory.someone_ns
+    return Memory(memory.trail, (*looks[1 - LOOKS :], seen), past, people, memory.driven, scene, someone_ns)
 
 
 def _driven(driven: tuple[Place, ...], base: BaseState, driven_s: float) -> tuple[Place, ...]:
@@ -164,7 +170,8 @@ def _driven(driven: tuple[Place, ...], base: BaseState, driven_s: float) -> tupl
     return (*driven[1 - DRIVEN :], Place(base.stamp_ns, base.pose))
 
 
-def _jumped(trail: Trail, base: BaseState) -> bool:
-    last = trail.poses[-1]
+def _jumped(trail: Trail, base: BaseState, limits: SafetyLimits) -> bool:
+    last, dt_s = trail.poses[-1], (base.stamp_ns - trail.stamps[-1]) / 1e9
     away = math.hypot(base.pose.x - last.x, base.pose.y - last.y)
-    return away > JUMP_M or abs(wrap(base.pose.yaw - last.yaw)) > JUMP_RAD or base.stamp_ns < trail.stamps[-1]
+    turned = abs(wrap(base.pose.yaw - last.yaw))
+    return dt_s < 0.0 or away > JUMP_M + limits.v_max * dt_s or turned > JUMP_RAD + limits.w_max * dt_s

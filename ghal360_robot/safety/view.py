@@ -1,8 +1,8 @@
 """What the lidar cannot tell: scans that say nothing, and ground that it does not look at.
 
 Behind the robot a quarter of the circle is out of the TiM571's sight. Nothing but a hand on the stick drives into
-it, slowly, and only where the robot was or saw free ground a moment ago, with nobody about: a person who came up
-from behind meanwhile could not be seen.
+it, slowly, and only where the robot was or saw free ground a moment ago, with nobody about all the while: a person
+who came up from behind meanwhile could not be seen.
 """
 
 from __future__ import annotations
@@ -27,8 +27,11 @@ AHEAD = math.radians(50)
 BLOCKED_SHARE = 0.05
 """A lidar that gets less than this share of its beams back is covered, or faces 25 m of nothing."""
 
-LEAST_BEAMS = 16
-"""Fewer are no scan."""
+LEAST_BEAMS, COARSE = 16, math.radians(1.0)
+"""Fewer beams, or beams further apart, are no scan to drive by: a leg 3 m away is two degrees wide."""
+
+SILENT = math.radians(20.0)
+"""So wide a stretch without a single echo may be a hall, a dark wall, or a label on the lidar's window."""
 
 INSIDE_M, INSIDE_SHARE = 0.05, 0.03
 """Returns this far inside the robot's own outline, and the share of beams (8 degrees) that is more than dust."""
@@ -44,7 +47,7 @@ notches between the discs of an outline sweep slivers along its flanks."""
 def scan_fault(around: Surroundings, footprint: Sequence[Disc]) -> str:
     """Why this scan says nothing at all, in words; empty where it does."""
     n = len(around.bearings)
-    if n < LEAST_BEAMS:
+    if n < LEAST_BEAMS or abs(beam_step(around)) > COARSE:
         return "the scan has too few beams"
     if len(around.points) < BLOCKED_SHARE * n:
         return "lidar sees nothing: covered?"
@@ -68,15 +71,27 @@ def blind_ahead(around: Surroundings) -> str:
     return ""
 
 
-def out_of_sight(
-    around: Surroundings, twist: Twist, footprint: Sequence[Disc], ways_m: Sequence[float]
-) -> list[tuple[float, float]]:
-    """Points of the outline's leading edge, as far on as `ways_m` says for each disc, out of sight and not its own."""
+def silent_ahead(around: Surroundings) -> str:
+    """Where a wide stretch ahead brings no echo at all, in words; empty where none does."""
+    heard = np.flatnonzero((np.abs(around.bearings) <= AHEAD) & np.isfinite(around.ranges))
+    beams = np.abs(around.bearings) <= AHEAD
+    first, last = int(beams.argmax()), len(beams) - 1 - int(beams[::-1].argmax())
+    gaps = np.diff(np.concatenate(([first - 1], heard, [last + 1]))) - 1
+    wide = float(gaps.max()) * abs(beam_step(around))
+    return f"slow: lidar gets no echo over {math.degrees(wide):.0f} deg ahead" if wide >= SILENT else ""
+
+
+def out_of_sight(around: Surroundings, twist: Twist, parts: Sequence[tuple[Disc, float]]) -> list[tuple[float, float]]:
+    """Points of the outline's leading edge that are out of sight and not its own ground.
+
+    `parts` are the discs of the outline, each with the metres that it moves until it stands.
+    """
     step = beam_step(around)
     span = abs(step) * (len(around.bearings) - 1)
     first, sign = float(around.bearings[0]), math.copysign(1.0, step)
     hidden = []
-    for disc, way_m in zip(footprint, ways_m, strict=True):
+    footprint = [disc for disc, _ in parts]
+    for disc, way_m in parts:
         vx, vy = disc_velocity(disc, twist)
         if math.hypot(vx, vy) < STANDSTILL:
             continue

@@ -40,6 +40,9 @@ ABEAM = 0.17
 BERTH_M = 0.25
 """Resting people this much further away than they have to be are passed at a crawl."""
 
+DEEP_M = 0.05
+"""Returns so far inside the outline are of something on the robot itself."""
+
 LEAST, LEAST_TURN = 0.03, 0.05
 """m/s and rad/s: slower is not worth creaking for; the robot stops."""
 
@@ -118,7 +121,7 @@ def limit(
 
     Slowing down keeps the turn, because turning is what leads around things; where the tighter arc that follows
     is not free itself, the same arc is driven more slowly, and where that is too slow to be worth it, the robot
-    only turns. `stopped` is the direction (+1, -1) in which it had to stop before, 0 for none.
+    only turns. `stopped` is the speed at which it had to stop before, 0 for none; only its sign matters.
     """
     first = judge(around, wanted, limits, measured)
     again = stopped * wanted.v > 0.0
@@ -136,7 +139,19 @@ def limit(
 
 
 def _zones(points: Floats, twist: Twist, disc: Disc, limits: SafetyLimits, measured: Twist, berth: Berth) -> Verdict:
-    """Stop, approach and slow zone of one disc around what does not move now."""
+    """Stop, approach and slow zone of one disc around what does not move now.
+
+    What is deep inside the outline (a cable, dirt on the window) is judged by itself: how close it is says nothing
+    about how close the rest may come.
+    """
+    deep = (points[:, 0] - disc.x) ** 2 + (points[:, 1] - disc.y) ** 2 < max(disc.radius - DEEP_M, 0.0) ** 2
+    if deep.any():
+        verdicts = [_zone(part, twist, disc, limits, measured, berth) for part in (points[deep], points[~deep])]
+        return min(verdicts, key=lambda verdict: (verdict.share, verdict.free_m))
+    return _zone(points, twist, disc, limits, measured, berth)
+
+
+def _zone(points: Floats, twist: Twist, disc: Disc, limits: SafetyLimits, measured: Twist, berth: Berth) -> Verdict:
     speed = math.hypot(*disc_velocity(disc, twist))
     if speed < STANDSTILL or len(points) == 0:
         return FREE

@@ -22,6 +22,7 @@ from ghal360_robot.messages import (
     Twist,
 )
 from ghal360_robot.safety.chain import Safety
+from ghal360_robot.safety.derating import Rule
 from ghal360_robot.safety.limits import SafetyLimits
 from ghal360_robot.safety.mux import LockRule
 from ghal360_robot.safety.zones import Around, limit
@@ -69,6 +70,39 @@ def test_an_armed_robot_speeds_up_by_its_limit_and_reaches_the_wanted_speed() ->
     assert out[20].reasons == ("ramp",)
     assert out[-1].reasons == ()
     assert out[-1].source == "autonomy"
+    assert out[-1].clearance_m is None
+
+
+def test_a_base_that_lags_a_little_is_sped_up_from_the_command_and_not_from_what_it_does() -> None:
+    rig = driving(20)
+    assert rig.applied is not None
+    before = rig.applied.twist.v
+    rig.twist = Twist(before - 0.05, 0.0)
+    assert rig.tick(FORWARD).twist.v == pytest.approx(before + 0.5 * TICK_S)
+
+
+def test_every_limit_is_a_setting() -> None:
+    gentle = Rule("latency", "s", 0.1, 0.2, 0.3, 0.05)
+    rig = Rig(Safety(SafetyLimits(deratings=(gentle,), tick_gap_s=0.5, lease_s=10.0)))
+    rig.run(50, FORWARD)
+    rig.n += 20
+    assert rig.tick(FORWARD).arm is ArmState.ARMED
+    assert rig.give(operator(rig, latency_s=0.35), FORWARD).reasons == ("latency 0.3 s",)
+    for _ in range(300):
+        rig.give(replace(operator(rig, holder="a"), lease=Lease("a", 0)), FORWARD)
+    rig.presses += 1
+    assert rig.give(replace(operator(rig, holder="a"), lease=Lease("a", 0)), FORWARD).arm is ArmState.ARMED
+    empty = Safety(SafetyLimits(deratings=(Rule("battery", "%", 99.0, 98.0, 97.0, 0.1, disarms=True),)))
+    assert empty.not_ready(inputs(5)) == ("battery 90 %",)
+
+
+def test_a_hold_forgets_neither_the_surroundings_nor_what_is_slow() -> None:
+    rig = driving()
+    held = rig.give(operator(rig, latency_s=0.9), FORWARD)
+    assert held.reasons == ("latency 0.9 s",)
+    assert len(rig.state.memory.looks) == 18
+    assert rig.give(operator(rig, latency_s=0.78), FORWARD).reasons == ("latency 0.8 s",)
+    assert rig.give(operator(rig, latency_s=0.74), FORWARD).twist.v > 0.0
 
 
 @pytest.mark.parametrize("name", NAMES)

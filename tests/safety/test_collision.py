@@ -11,7 +11,6 @@ from ghal360_robot.safety.chain import Safety
 from ghal360_robot.safety.collision import direction
 from ghal360_robot.safety.footprint import Disc
 from ghal360_robot.safety.limits import SafetyLimits
-from ghal360_robot.safety.people import Person
 from tests.safety.conftest import LIDAR_X, Rig, circles_ranges
 
 BACK = Twist(-0.15, 0.0)
@@ -95,20 +94,27 @@ def test_ground_driven_long_ago_is_not_backed_onto() -> None:
     assert rig.stick(BACK).reasons == ("backwards: lidar is blind there, and has not seen it lately",)
 
 
-def test_nobody_backs_up_while_somebody_went_out_of_sight() -> None:
+def test_nobody_backs_up_where_somebody_was_about_since_the_ground_was_seen() -> None:
     rig = Rig()
     rig.run(60, Twist(0.5, 0.0))
     rig.run(60, STILL)
-    memory = rig.state.memory
+    memory, now_ns = rig.state.memory, rig.n * 20_000_000
     assert memory.scene is not None
-    gone = Person(-3.0, 0.0, memory.scene.stamp_ns, memory.scene.stamp_ns - 1, 2)
-    rig.state = replace(rig.state, memory=replace(memory, people=(gone,)))
-    assert rig.stick(BACK).reasons == ("backwards: lidar is blind there, and somebody went out of sight",)
-    rig.state = replace(rig.state, memory=replace(memory, people=(replace(gone, times=1),)))
+    rig.state = replace(rig.state, memory=replace(memory, someone_ns=now_ns - 4_900_000_000))
+    assert rig.stick(BACK).reasons == ("backwards: lidar is blind there, and somebody is about",)
+    rig.state = replace(rig.state, memory=replace(memory, someone_ns=now_ns - 5_200_000_000))
     assert rig.stick(BACK).twist.v < 0.0
-    seen = replace(gone, there_ns=rig.n * 20_000_000)
-    rig.state = replace(rig.state, memory=replace(memory, people=(seen,)))
+    rig.state = replace(rig.state, memory=replace(memory, someone_ns=None))
     assert rig.stick(BACK).twist.v < 0.0
+
+
+@pytest.mark.parametrize("disc", [Disc(0.2, 0.0, 0.4), Disc(0.0, 0.2, 0.4)])
+def test_only_what_the_outline_surely_covered_counts_as_driven_over(disc: Disc) -> None:
+    rig = Rig(Safety(SafetyLimits(footprint=(disc,))))
+    rig.run(60, Twist(0.5, 0.0))
+    rig.run(60, STILL)
+    rig.state = replace(rig.state, memory=replace(rig.state.memory, looks=(), past=()))
+    assert rig.stick(BACK).reasons == ("backwards: lidar is blind there, and has not seen it lately",)
 
 
 def test_a_robot_that_is_longer_behind_turns_only_over_ground_it_knows() -> None:
@@ -133,6 +139,7 @@ def test_a_scan_without_echoes_ahead_leaves_the_turn() -> None:
     assert out[-1].twist.w > 0.0
     assert out[-1].reasons[0] == "lidar sees nothing ahead: covered?"
     assert rig.run(3, Twist(0.3, 0.0))[-1].twist.v == 0.0
+    assert "lidar sees nothing ahead: covered?" not in rig.tick(Twist(0.0, 0.4)).reasons
 
 
 def legs(pose: Pose2, x: float, y: float) -> np.ndarray:

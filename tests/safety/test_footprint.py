@@ -34,6 +34,13 @@ def test_a_point_straight_ahead_is_met_after_its_distance_less_the_radius() -> N
     assert contact(1.6, 0.3, Twist(0.5, 0.0)).seconds == pytest.approx((1.6 - 0.4) / 0.5)
 
 
+def test_a_disc_beside_the_origin_meets_what_is_in_front_of_it() -> None:
+    left = Disc(0.1, 0.3, 0.2)
+    assert contact(1.0, 0.3, Twist(0.5, 0.0), left, 0.2).seconds == pytest.approx((0.9 - 0.2) / 0.5)
+    assert contact(-1.0, 0.3, Twist(-0.5, 0.0), left, 0.2).seconds == pytest.approx((1.1 - 0.2) / 0.5)
+    assert contact(1.0, -0.3, Twist(0.5, 0.0), left, 0.2) == NEVER
+
+
 @pytest.mark.parametrize("at", [(1.0, 0.5), (1.0, -0.5), (1.0, 0.6), (-1.0, 0.0)])
 def test_a_point_beside_or_behind_is_never_met(at: tuple[float, float]) -> None:
     assert contact(*at, Twist(0.5, 0.0)) == NEVER

@@ -102,10 +102,10 @@ def test_older_scans_are_kept_now_and_then_for_as_long_as_ground_is_remembered()
 @pytest.mark.parametrize(
     ("pose", "stamp_ns", "jumped"),
     [
-        (Pose2(0.29, 0.0, 0.0), SECOND, False),
-        (Pose2(0.31, 0.0, 0.0), SECOND, True),
-        (Pose2(0.0, 0.0, 0.49), SECOND, False),
-        (Pose2(0.0, 0.0, -0.51), SECOND, True),
+        (Pose2(0.79, 0.0, 0.0), SECOND, False),
+        (Pose2(0.81, 0.0, 0.0), SECOND, True),
+        (Pose2(0.0, 0.0, 1.29), SECOND, False),
+        (Pose2(0.0, 0.0, -1.31), SECOND, True),
         (Pose2(0.0, 0.0, 0.0), 5, True),
     ],
 )
@@ -142,7 +142,7 @@ def test_ground_on_the_robots_way_and_ground_seen_free_is_known() -> None:
     started = np.array([[-0.4 * c, 0.4 * s]])  # the origin, from where the base is now
     assert known_free(memory, started, 0.01, 2 * SECOND).tolist() == [True]
     assert known_free(memory, started * (1, -1), 0.01, 2 * SECOND).tolist() == [False]
-    sideways = after(at(SECOND, Pose2(0.0, 0.0, math.pi / 2)), at(2 * SECOND, Pose2(0.0, 0.25, math.pi / 2)))
+    sideways = after(at(SECOND, Pose2(0.0, 1.0, math.pi / 2)), at(2 * SECOND, Pose2(0.0, 1.25, math.pi / 2)))
     assert known_free(sideways, np.array([[-0.64, 0.0], [0.0, 0.5]]), 0.4, 2 * SECOND).tolist() == [True, False]
     seen = after(at(0, Pose2(0.0, 0.0, 0.45), ranges=3.0), at(SECOND, Pose2()))
     left_behind = np.array([[-1.0, 1.0], [-1.0, -1.0]])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from calibration.mounting import LidarMount
-from ghal360_robot.messages import LidarScan, Twist
+from ghal360_robot.messages import LidarScan, Surroundings, Twist
 from ghal360_robot.safety.footprint import Disc
 from ghal360_robot.safety.view import blind_ahead, out_of_sight, scan_fault
 from ghal360_robot.surroundings import look_around
@@ -73,11 +73,11 @@ def test_echoes_beside_and_behind_do_not_make_up_for_none_ahead() -> None:
 
 @pytest.mark.parametrize("twist", [Twist(0.5, 0.0), Twist(0.2, 0.8), Twist(0.2, -0.8), Twist(0.0, 0.8)])
 def test_forwards_and_turning_a_round_robot_goes_where_its_lidar_looks(twist: Twist) -> None:
-    assert out_of_sight(WHOLE, twist, ROUND, [0.3]) == []
+    assert out_of_sight(WHOLE, twist, [(ROUND[0], 0.3)]) == []
 
 
 def test_backwards_it_goes_where_the_lidar_is_blind() -> None:
-    hidden = out_of_sight(WHOLE, Twist(-0.1, 0.0), ROUND, [0.1])
+    hidden = out_of_sight(WHOLE, Twist(-0.1, 0.0), [(ROUND[0], 0.1)])
     assert (pytest.approx(-0.6), pytest.approx(0.0, abs=1e-9)) in hidden
     assert all(x < -0.25 for x, _ in hidden)
     assert all(abs(math.atan2(y, x - 0.2)) > math.radians(135) for x, y in hidden)
@@ -86,18 +86,52 @@ def test_backwards_it_goes_where_the_lidar_is_blind() -> None:
 
 def test_what_the_robot_stands_on_need_not_be_seen() -> None:
     backwards = Twist(-0.1, 0.0)
-    assert len(out_of_sight(WHOLE, backwards, ROUND, [0.0])) == 5
+    assert len(out_of_sight(WHOLE, backwards, [(ROUND[0], 0.0)])) == 5
     shadowed = (*ROUND, Disc(-0.35, 0.0, 0.4))
-    hidden = out_of_sight(WHOLE, backwards, shadowed, [0.0, 0.0])
+    hidden = out_of_sight(WHOLE, backwards, [(disc, 0.0) for disc in shadowed])
     assert hidden
     assert all(math.hypot(x + 0.35, y) > 0.45 for x, y in hidden)
-    assert out_of_sight(WHOLE, backwards, ROUND, [-0.049]) == [(pytest.approx(-0.451), pytest.approx(0.0))]
-    assert out_of_sight(WHOLE, backwards, ROUND, [-0.051]) == []
+    assert out_of_sight(WHOLE, backwards, [(ROUND[0], -0.049)]) == [(pytest.approx(-0.451), pytest.approx(0.0))]
+    assert out_of_sight(WHOLE, backwards, [(ROUND[0], -0.051)]) == []
+
+
+def test_the_slowest_motion_that_counts_is_looked_after() -> None:
+    assert out_of_sight(WHOLE, Twist(-1e-4, 0.0), [(ROUND[0], 0.1)]) != []
+    assert out_of_sight(WHOLE, Twist(-9e-5, 0.0), [(ROUND[0], 0.1)]) == []
+
+
+def expected(seen: Surroundings, twist: Twist, parts: list[tuple[Disc, float]], within: float) -> list[complex]:
+    """The same with complex numbers, for a lidar that sees `within` radians to either side."""
+    hidden = []
+    for disc, way_m in parts:
+        velocity = complex(twist.v - twist.w * disc.y, twist.w * disc.x)
+        unit = velocity / abs(velocity)
+        for degrees in (-75, -50, -25, 0, 25, 50, 75):
+            turn = complex(math.cos(math.radians(degrees)), math.sin(math.radians(degrees)))
+            at = complex(disc.x, disc.y) + unit * (way_m + 0.1 + disc.radius * turn)
+            sight = at - complex(*seen.origin)
+            own = any(abs(at - complex(d.x, d.y)) <= d.radius + 0.05 for d, _ in parts)
+            if abs(math.atan2(sight.imag, sight.real)) > within and not own:
+                hidden.append(at)
+    return hidden
+
+
+@pytest.mark.parametrize("mount", [LidarMount(x=0.1, y=0.05), LidarMount(x=-0.1, y=-0.2), LidarMount(x=0.0, y=0.0)])
+@pytest.mark.parametrize(
+    "twist", [Twist(0.3, 0.0), Twist(0.2, 0.5), Twist(0.2, -0.5), Twist(0.0, 0.6), Twist(-0.1, 0.1)]
+)
+def test_what_is_hidden_from_a_lidar_that_sees_little(mount: LidarMount, twist: Twist) -> None:
+    yaw = np.radians(np.linspace(-40, 40, 17)).astype(np.float32)
+    seen = look_around(LidarScan(0, np.full(17, 3.0, np.float32), yaw, 0, 0, 0), mount)
+    for way_m in np.arange(-0.05, 0.6, 0.01):
+        parts = [(Disc(0.05, 0.1, 0.3), way_m), (Disc(-0.2, -0.15, 0.2), way_m / 2)]
+        found = [complex(x, y) for x, y in out_of_sight(seen, twist, parts)]
+        assert found == pytest.approx(expected(seen, twist, parts, math.radians(40)))
 
 
 def test_a_long_robot_sweeps_blind_ground_when_it_turns() -> None:
-    left = out_of_sight(WHOLE, Twist(0.0, 0.5), LONG, [0.1, 0.1])
-    right = out_of_sight(WHOLE, Twist(0.0, -0.5), LONG, [0.1, 0.1])
+    left = out_of_sight(WHOLE, Twist(0.0, 0.5), [(disc, 0.1) for disc in LONG])
+    right = out_of_sight(WHOLE, Twist(0.0, -0.5), [(disc, 0.1) for disc in LONG])
     assert left
     assert all(y < 0 for _, y in left)
     assert np.array(right) * (1, -1) == pytest.approx(np.array(left)[::-1])
@@ -106,11 +140,11 @@ def test_a_long_robot_sweeps_blind_ground_when_it_turns() -> None:
 @pytest.mark.parametrize("mount", [LidarMount(upside_down=True), LidarMount(yaw=0.1), LidarMount(x=-0.2)])
 def test_what_is_in_sight_follows_the_mounting(mount: LidarMount) -> None:
     seen = look_around(scan(3.0), mount)
-    assert out_of_sight(seen, Twist(0.5, 0.0), ROUND, [0.3]) == []
-    assert out_of_sight(seen, Twist(-0.1, 0.0), ROUND, [0.1]) != []
+    assert out_of_sight(seen, Twist(0.5, 0.0), [(ROUND[0], 0.3)]) == []
+    assert out_of_sight(seen, Twist(-0.1, 0.0), [(ROUND[0], 0.1)]) != []
 
 
 def test_a_lidar_that_looks_backwards_lets_the_robot_back_and_not_drive() -> None:
     seen = look_around(scan(3.0), LidarMount(x=-0.2, yaw=math.pi))
-    assert out_of_sight(seen, Twist(-0.1, 0.0), ROUND, [0.1]) == []
-    assert out_of_sight(seen, Twist(0.1, 0.0), ROUND, [0.1]) != []
+    assert out_of_sight(seen, Twist(-0.1, 0.0), [(ROUND[0], 0.1)]) == []
+    assert out_of_sight(seen, Twist(0.1, 0.0), [(ROUND[0], 0.1)]) != []

@@ -17,6 +17,7 @@ from ghal360_robot.safety.zones import (
     LEAST,
     RELEASE,
     Around,
+    _towards,
     approachable,
     judge,
     limit,
@@ -268,12 +269,56 @@ def test_where_drive_and_turn_mix_the_later_to_stop_counts() -> None:
 
 def test_who_walks_is_measured_from_the_part_of_the_outline_that_moves_towards_them() -> None:
     limits = SafetyLimits(footprint=(Disc(0.2, 0.3, 0.3),))
-    ahead = judge(walking((1.4, 0.3), (3.0, 0.3)), AHEAD, limits, STILL)
+    ahead = judge(walking((3.0, 0.3), (1.4, 0.3)), AHEAD, limits, STILL)
     assert ahead.free_m == pytest.approx(1.2 - 0.3 - 0.25)
     assert ahead.at == (1.4, 0.3)
     turning = judge(walking((0.2, 1.3)), Twist(0.0, 0.8), limits, STILL)  # the disc moves to the left, and forwards
     assert turning.free_m == pytest.approx(1.0 - 0.3 - 0.25)
+    speed = 0.8 * math.hypot(0.2, 0.3)
+    assert turning.share * speed == pytest.approx(approachable(0.45, speed * 1.5 / 0.8, 0.25, 1.2))
     assert judge(walking((0.9, -0.8)), Twist(0.0, 0.8), limits, STILL).share == math.inf
+
+
+def test_a_disc_around_the_origin_brakes_as_the_drive_does_however_it_turns() -> None:
+    curve = judge(walking((1.5, 0.0)), Twist(0.1, 0.8), LIMITS, STILL)
+    assert curve.share * 0.1 == pytest.approx(approachable(1.5 - 0.4 - 0.25, 0.5, 0.25, 1.2))
+
+
+def test_the_slowest_motion_that_counts_is_kept_away_from_people() -> None:
+    assert judge(walking((1.5, 0.0)), Twist(1e-4, 0.0), LIMITS, STILL).share < math.inf
+    assert judge(walking((1.5, 0.0)), Twist(9e-5, 0.0), LIMITS, STILL).share == math.inf
+
+
+@pytest.mark.parametrize("turn", [1.0, -1.0])
+def test_whom_a_turn_brings_in_front_counts_as_there(turn: float) -> None:
+    bearings = np.array([0.0, 0.5, 1.0, 1.2, -0.3, 0.5 + math.pi, 3.0, -3.0, 6.0]) * turn
+    best = [
+        1.0,
+        1.0,
+        1.0,
+        math.cos(0.2),
+        math.cos(0.3),
+        -math.cos(0.5),
+        math.cos(2.0),
+        math.cos(2.283185),
+        math.cos(0.283185),
+    ]
+    assert _towards(bearings, turn) == pytest.approx(best, abs=1e-5)
+    assert _towards(bearings, 0.0) == pytest.approx(np.cos(bearings))
+
+
+def test_a_turn_of_the_robot_counts_for_who_is_beside_it() -> None:
+    beside = walking((-0.3, 0.8))
+    assert judge(beside, Twist(0.3, 0.0), LIMITS, STILL).share == math.inf
+    assert judge(beside, Twist(0.3, 0.8), LIMITS, STILL).share < 1.0
+    assert judge(beside, Twist(0.3, -0.8), LIMITS, STILL).share == math.inf
+
+
+def test_the_measured_speed_counts_for_a_part_in_front_as_well() -> None:
+    limits = SafetyLimits(footprint=(Disc(0.4, 0.0, 0.2),))
+    blocked = things((0.4, 0.45))
+    assert judge(blocked, Twist(0.0, 0.5), limits, Twist(0.0, 1.0)).share == 0.0
+    assert judge(blocked, Twist(0.0, 0.5), limits, Twist(0.0, -1.0)).share > 0.0
 
 
 def test_the_measured_speed_counts_for_the_part_that_goes_the_same_way() -> None:
@@ -317,7 +362,7 @@ def test_the_zones_never_speed_up_and_never_turn_around(
 def test_what_is_allowed_as_a_whole_is_allowed_more_slowly_along_the_same_arc(
     at: list[tuple[float, float]], wanted: Twist, share: float
 ) -> None:
-    around = things(*at)
+    around = things(*(one for one in at if math.hypot(*one) > 0.02))  # nothing stands in the middle of the robot
     if judge(around, wanted, LIMITS, STILL).share >= 1.0:
         slower = Twist(share * wanted.v, share * wanted.w)
         assert judge(around, slower, LIMITS, STILL).share >= 1.0 - 1e-9
