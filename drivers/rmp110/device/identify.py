@@ -16,7 +16,7 @@ from drivers.rmp110.codec.parameters import OperationalState, Stored
 from drivers.rmp110.codec.vocabulary import B1, B2, B3, VOCABULARIES, Vocabulary
 from drivers.rmp110.device.config import Rmp110Config
 from drivers.rmp110.device.inquiry import Reply, ask
-from drivers.rmp110.device.judgement import check_plausible, judge
+from drivers.rmp110.device.judgement import Unwritten, check_plausible, judge
 from drivers.rmp110.device.language import SILENT, CanLanguage
 from drivers.rmp110.device.link import Link
 from drivers.rmp110.device.state import Identity, LinkState
@@ -57,12 +57,15 @@ async def identify(link: Link, config: Rmp110Config, enter: Callable[[LinkState]
     book, stored = await read_stored(link, books)
     values = await read_values(link, book, stored)
     fault_log = await read_fault_log(link, book) if config.read_fault_log else None
-    enter(LinkState.CONFIGURING)
-    # Parameters change how a base brakes: they are not written while it may be rolling.
-    rolling = OperationalState.of(int(values.get("operational_state", -1))) is OperationalState.TRACTOR
-    stored = await write_differing(link, book, stored, config, parameters=config.write_parameters and not rolling)
     firmware = _firmware(values, fault_log)
-    return conclude(book.dialect, stored, config, firmware=firmware, fault_log=fault_log)
+    enter(LinkState.CONFIGURING)
+    if config.write_feedback_set:
+        bitmaps = {f"feedback_bitmap_{n}": word for n, word in enumerate(book.compact_bitmaps, start=1)}
+        stored = await write_differing(link, book, stored, bitmaps)
+    unwritten = Unwritten.FORBIDDEN
+    if config.write_parameters:
+        stored, unwritten = await write_parameters(link, book, stored, config)
+    return conclude(book.dialect, stored, config, firmware=firmware, fault_log=fault_log, unwritten=unwritten)
 
 
 def conclude(
@@ -72,13 +75,23 @@ def conclude(
     *,
     firmware: str = "",
     fault_log: FaultLog | None = None,
+    unwritten: Unwritten = Unwritten.FORBIDDEN,
 ) -> Identity:
     """What the driver may do with a base of this dialect and with these parameters. Raises RmpUnsupported."""
     book = VOCABULARIES[dialect]
     layout = book.layout(stored.bitmaps)
     speak = partial(CanLanguage, book, layout)
-    bits = book.input_bits
-    return judge(dialect, stored, layout, config, speak, input_bits=bits, firmware=firmware, fault_log=fault_log)
+    return judge(
+        dialect,
+        stored,
+        layout,
+        config,
+        speak,
+        input_bits=book.input_bits,
+        unwritten=unwritten,
+        firmware=firmware,
+        fault_log=fault_log,
+    )
 
 
 async def probe(link: Link) -> Reply:
@@ -141,10 +154,13 @@ def _interpret(words: tuple[int, ...], books: Sequence[Vocabulary]) -> tuple[Voc
 
 
 async def read_values(link: Link, book: Vocabulary, stored: Stored) -> dict[str, float]:
-    """The base's state by name; empty where its feedback set does not fit the reply."""
+    """The base's state by name; empty where it has no feedback set, or none of its replies comes whole."""
     layout = book.layout(stored.bitmaps)
-    reply = await ask(link, POLL)
-    return layout.decode(reply.words) if 0 < len(reply.words) == 2 * layout.frame_count else {}
+    for _ in range(READ_ATTEMPTS if layout.frame_count else 0):
+        reply = await ask(link, POLL)
+        if len(reply.words) == 2 * layout.frame_count:
+            return layout.decode(reply.words)
+    return {}
 
 
 async def read_fault_log(link: Link, book: Vocabulary) -> FaultLog | None:
@@ -161,18 +177,26 @@ async def read_fault_log(link: Link, book: Vocabulary) -> FaultLog | None:
     return None
 
 
-async def write_differing(
-    link: Link, book: Vocabulary, stored: Stored, config: Rmp110Config, *, parameters: bool
-) -> Stored:
-    """Write what differs and is allowed to be written; the parameters as they are afterwards.
+async def write_parameters(
+    link: Link, book: Vocabulary, stored: Stored, config: Rmp110Config
+) -> tuple[Stored, Unwritten]:
+    """Write the parameters that differ; as they are afterwards, and why some may still differ.
+
+    They change how a base brakes: nothing is written unless the base says that it is in STANDBY.
+    """
+    values = await read_values(link, book, stored)
+    if OperationalState.of(int(values.get("operational_state", -1))) is not OperationalState.STANDBY:
+        return stored, Unwritten.POSTPONED
+    bitmap = book.input_bits.cleaned(int(stored["input_bitmap"]))
+    stored = await write_differing(link, book, stored, {"input_bitmap": bitmap, **config.expected})
+    return stored, Unwritten.REFUSED
+
+
+async def write_differing(link: Link, book: Vocabulary, stored: Stored, wanted: Mapping[str, float]) -> Stored:
+    """Write what differs; the parameters as they are afterwards.
 
     A base keeps its old value where it refuses one: that shows in the read-back and is not an error here.
     """
-    wanted: dict[str, float] = {}
-    if parameters:
-        wanted = {"input_bitmap": book.input_bits.cleaned(int(stored["input_bitmap"])), **config.expected}
-    if config.write_feedback_set:
-        wanted |= {f"feedback_bitmap_{n}": word for n, word in enumerate(book.compact_bitmaps, start=1)}
     for _ in range(WRITE_ROUNDS):
         differing = stored.differing(wanted)
         if not differing:

@@ -27,7 +27,7 @@ from drivers.rmp110.codec.v3.packets import (
 from drivers.rmp110.codec.v3.whitelist import INPUT_BITS
 from drivers.rmp110.codec.v3.words import LAYOUT, MACHINE_ID_AT, PARAMETERS, STATE_AT
 from drivers.rmp110.device.config import Rmp110Config
-from drivers.rmp110.device.judgement import check_plausible, judge
+from drivers.rmp110.device.judgement import Unwritten, check_plausible, judge
 from drivers.rmp110.device.language import SILENT_V3, V3Language
 from drivers.rmp110.device.link import Link
 from drivers.rmp110.device.state import Identity, LinkState
@@ -67,8 +67,13 @@ async def identify(link: Link, config: Rmp110Config, enter: Callable[[LinkState]
     stored = _stored(status, order)
     check_plausible(stored)
     enter(LinkState.CONFIGURING)
-    if config.write_parameters and OperationalState.of(words[STATE_AT]) is not OperationalState.TRACTOR:
-        stored = await _write_differing(link, order, stored, config)
+    unwritten = Unwritten.FORBIDDEN
+    if config.write_parameters:
+        # They change how a base brakes: never while it may roll.
+        unwritten = Unwritten.POSTPONED
+        if OperationalState.of(words[STATE_AT]) is OperationalState.STANDBY:
+            unwritten = Unwritten.REFUSED
+            stored = await _write_differing(link, order, stored, config)
     fault_log = _decode_log(log_data, order)
     firmware = f"packed build ids 0x{words[MACHINE_ID_AT - 1]:08X}"
     if fault_log:
@@ -80,6 +85,7 @@ async def identify(link: Link, config: Rmp110Config, enter: Callable[[LinkState]
         config,
         partial(V3Language, order),
         input_bits=INPUT_BITS,
+        unwritten=unwritten,
         firmware=firmware,
         fault_log=fault_log,
         fault_groups=GROUPS_V3,

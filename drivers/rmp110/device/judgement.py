@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from enum import Enum
 
 from drivers.rmp110.codec.dialect import Dialect
 from drivers.rmp110.codec.fault_log import FaultLog
@@ -30,12 +31,17 @@ LATERAL = (
 )
 ACCELERATION = (
     "the base is set to take velocity commands for accelerations (input bitmap 0x{:X}): it would not stop when told "
-    "to; allow the driver to write it (write_parameters)"
+    "to; {}"
 )
-FILTERED = (
-    "the base is set to filter commands (input bitmap 0x{:X}), which makes it stop later than its limits say: "
-    "allow the driver to write it (write_parameters)"
-)
+FILTERED = "the base is set to filter commands (input bitmap 0x{:X}), which makes it stop later than its limits say: {}"
+
+
+class Unwritten(Enum):
+    """Why a base's parameter is not the expected one, and what to do about it."""
+
+    FORBIDDEN = "allow the driver to write it (write_parameters) or correct the configuration"
+    REFUSED = "the driver wrote it and the base did not take it; correct the configuration"
+    POSTPONED = "it is written as soon as the base is in STANDBY; request that where the base is in TRACTOR"
 
 
 def check_plausible(stored: Stored) -> None:
@@ -62,6 +68,7 @@ def judge(
     speak: Callable[[MotionScale], Language],
     *,
     input_bits: InputBits,
+    unwritten: Unwritten = Unwritten.FORBIDDEN,
     firmware: str = "",
     fault_log: FaultLog | None = None,
     fault_groups: Sequence[Group] = GROUPS,
@@ -75,7 +82,7 @@ def judge(
         )
     for name in ("max_velocity", "max_yaw_rate"):
         if stored[name] <= 0:
-            raise RmpUnsupported(f"the base has stored {name} = 0 and cannot move: allow write_parameters")
+            raise RmpUnsupported(f"the base has stored {name} = 0 and cannot move: {unwritten.value}")
     scale = MotionScale(
         stored["max_velocity"],
         stored["max_yaw_rate"],
@@ -83,15 +90,18 @@ def judge(
         config.max_w_rps,
         as_float32(config.track_m) / stored["track_width"],
     )
+    bitmap = int(stored["input_bitmap"])
+    differences = stored.differing(config.expected)
     return Identity(
         dialect=dialect,
         stored=stored,
         layout=layout,
         scale=scale,
         language=speak(scale),
-        differences=stored.differing(config.expected),
-        refusal=_bitmap_refusal(int(stored["input_bitmap"]), input_bits) or _refusal(stored, config),
-        warnings=_warnings(int(stored["input_bitmap"]), input_bits),
+        differences=differences,
+        refusal=_bitmap_refusal(bitmap, input_bits, unwritten) or _refusal(stored, config, unwritten),
+        postponed=unwritten is Unwritten.POSTPONED and bool(differences or bitmap != input_bits.cleaned(bitmap)),
+        warnings=_warnings(bitmap, input_bits),
         firmware=firmware,
         fault_log=fault_log,
         fault_groups=tuple(fault_groups),
@@ -104,18 +114,15 @@ def _warnings(bitmap: int, bits: InputBits) -> tuple[str, ...]:
     return charging + lateral
 
 
-def _bitmap_refusal(bitmap: int, bits: InputBits) -> str | None:
+def _bitmap_refusal(bitmap: int, bits: InputBits, unwritten: Unwritten) -> str | None:
     if bitmap & bits.acceleration:
-        return ACCELERATION.format(bitmap)
-    return FILTERED.format(bitmap) if bitmap & bits.filters else None
+        return ACCELERATION.format(bitmap, unwritten.value)
+    return FILTERED.format(bitmap, unwritten.value) if bitmap & bits.filters else None
 
 
-def _refusal(stored: Stored, config: Rmp110Config) -> str | None:
+def _refusal(stored: Stored, config: Rmp110Config, unwritten: Unwritten) -> str | None:
     differing = stored.differing({name: config.expected[name] for name in MUST_MATCH if name in config.expected})
     for name, (have, want) in differing.items():
         unit = next(p.unit for p in stored.parameters if p.name == name)
-        return (
-            f"the base has stored {name} = {have:g} {unit}, the configuration expects {want:g}: "
-            "allow the driver to write it (write_parameters) or correct the configuration"
-        )
+        return f"the base has stored {name} = {have:g} {unit}, the configuration expects {want:g}: {unwritten.value}"
     return None

@@ -97,6 +97,11 @@ class Pilot:
             self._watchdog.renew()
 
     @property
+    def in_standby(self) -> bool:
+        """Whether the base was, when it was last heard."""
+        return self._mode is OperationalState.STANDBY
+
+    @property
     def driving(self) -> bool:
         """Whether motion commands come, and with them feedback."""
         return not self._older_than(COMMAND_FRESH_S, self._clock())

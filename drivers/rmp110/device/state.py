@@ -81,6 +81,8 @@ class Identity:
     """Stored parameter by name: (stored, expected), where the float32 bits differ."""
     refusal: str | None = None
     """Why these parameters forbid motion."""
+    postponed: bool = False
+    """Whether parameters differ that are written, on another connection, once the base is in STANDBY."""
     warnings: tuple[str, ...] = ()
     """What the person at the robot should know about these parameters; motion is possible."""
     firmware: str = ""

@@ -13,7 +13,7 @@ from drivers.rmp110.device.odometry import ulp32
 from drivers.rmp110.device.pilot import SILENCE_S, Pilot
 from drivers.rmp110.device.slip import SlipWatch
 from drivers.rmp110.device.state import Identity, all_finite, read_state
-from drivers.rmp110.errors import RmpSilent
+from drivers.rmp110.errors import RmpLinkError, RmpSilent
 
 STREAM_PERIOD_S = 0.01
 """A base that sends by itself does so in every control tick."""
@@ -21,6 +21,7 @@ NUDGE_S = 0.1
 """A stream that pauses for ten packets is asked for again."""
 STALL_S = 0.1
 """The loop looks every 40 ms at most; later than this it was stuck itself, and silence says nothing of the base."""
+AGAIN = "the base is in STANDBY now: its parameters can be written on a new connection"
 LONGEST_GAP = 100
 """Missing packets counted at most for one gap: what the base's own time says may be nonsense."""
 
@@ -62,6 +63,8 @@ class Stream:
             looked_ns = now_ns
             if now_ns - self._heard_ns > SILENCE_S * 1e9:
                 raise RmpSilent(f"no feedback for {SILENCE_S:g} s: {self._language.silence}")
+            if self._identity.postponed and self._pilot.in_standby:
+                raise RmpLinkError(AGAIN)
             self._pilot.keep_fresh(now_ns)
             await link.pause(self._ask(now_ns) / 1e9)
 

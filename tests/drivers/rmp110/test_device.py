@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import dataclasses
+import itertools
 from typing import Any
 
 import pytest
@@ -426,6 +427,51 @@ async def test_nothing_is_written_while_the_base_may_roll() -> None:
         async with it.device(dataclasses.replace(CONFIG, write_parameters=True)) as base:
             identity = await base.ready(READY_S)
             assert list(identity.differences) == ["max_decel"]
+
+
+@virtual_time
+async def test_nothing_is_written_to_a_rolling_base_whose_reply_got_lost() -> None:
+    """Each of the replies in turn is the one that never comes."""
+    for lost in range(3, 40):
+        async with rig(stored={"max_decel": 3.923}, compact=lost % 2 == 0) as it:
+            it.model.state = OperationalState.TRACTOR
+            receive, count = it.model.receive, itertools.count()
+
+            def lossy(now_ns: int, frame: Frame, receive: Any = receive, count: Any = count, lost: int = lost) -> Any:
+                replies = receive(now_ns, frame)
+                return () if next(count) == lost else replies
+
+            it.model.receive = lossy  # type: ignore[method-assign]
+            async with it.device(dataclasses.replace(CONFIG, write_parameters=True)) as base:
+                await base.ready(READY_S)
+                assert 3 not in numbers(it), f"reply {lost} lost"
+
+
+@virtual_time
+async def test_what_could_not_be_written_in_tractor_is_written_in_standby() -> None:
+    async with rig(stored={"max_decel": 3.923}) as it:
+        it.model.state = OperationalState.TRACTOR
+        async with it.device(dataclasses.replace(CONFIG, write_parameters=True)) as base:
+            await base.ready(READY_S)
+            with pytest.raises(RmpLimitsDiffer, match="written as soon as the base is in STANDBY"):
+                await base.request_mode(TRACTOR)
+            await base.request_mode(STANDBY)
+            await until(lambda: base.identity is None)
+            identity = await base.ready(READY_S)
+            assert (identity.differences, identity.refusal) == ({}, None)
+            await base.request_mode(TRACTOR)
+
+
+@virtual_time
+async def test_a_parameter_that_the_base_does_not_take_is_not_tried_for_ever() -> None:
+    async with rig(stored={"input_bitmap": 0x103}) as it:
+        it.model.unknowns = dataclasses.replace(it.model.unknowns, refused_bitmaps=frozenset({0x101}))
+        async with it.device(dataclasses.replace(CONFIG, write_parameters=True)) as base:
+            await base.ready(READY_S)
+            with pytest.raises(RmpLimitsDiffer, match="the base did not take it"):
+                await base.request_mode(TRACTOR)
+            await asyncio.sleep(1.0)
+            assert base.stats.reconnects == 0
 
 
 @virtual_time

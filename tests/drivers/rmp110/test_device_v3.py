@@ -8,7 +8,7 @@ import struct
 
 import pytest
 
-from drivers.rmp110 import TRACTOR
+from drivers.rmp110 import STANDBY, TRACTOR
 from drivers.rmp110.codec.dialect import Dialect
 from drivers.rmp110.codec.fault_log import FaultLog
 from drivers.rmp110.codec.parameters import OperationalState
@@ -89,6 +89,18 @@ async def test_v3_parameters_are_written_at_once_without_the_charging_bit_and_re
         assert len([frame for frame in it.sent if frame.can_id == CONFIG_ID]) == 1
         assert it.model.stored["input_bitmap"] == 0
         assert it.model.stored.differing(BRISK) == {}
+
+
+@virtual_time
+async def test_v3_parameters_wait_for_standby() -> None:
+    it = v3_rig({"max_decel": 3.923})
+    it.model.state = OperationalState.TRACTOR
+    async with it.device(dataclasses.replace(CONFIG_V3, write_parameters=True)) as base:
+        assert (await base.ready(READY_S)).refusal is not None
+        assert not [frame for frame in it.sent if frame.can_id == CONFIG_ID]
+        await base.request_mode(STANDBY)
+        await until(lambda: base.identity is None)
+        assert (await base.ready(READY_S)).refusal is None
 
 
 @pytest.mark.parametrize("bitmap", [0x100, 0x4000])
