@@ -11,7 +11,7 @@ from ghal360_robot.safety.chain import Safety
 from ghal360_robot.safety.collision import direction
 from ghal360_robot.safety.footprint import Disc
 from ghal360_robot.safety.limits import SafetyLimits
-from tests.safety.conftest import LIDAR_X, Rig, circles_ranges
+from tests.safety.conftest import LIDAR_X, Rig, circles_ranges, scan
 
 BACK = Twist(-0.15, 0.0)
 
@@ -171,3 +171,15 @@ def test_an_approach_to_a_noisy_wall_does_not_chatter() -> None:
     assert starts <= 3
     assert speeds[-300:].sum() * 0.02 < 0.02
     assert LIDAR_X < rig.pose.x < 1.6 - 0.44 - 0.08
+
+
+def test_where_a_wide_stretch_ahead_is_silent_the_robot_goes_slowly_and_says_why() -> None:
+    rig = Rig()
+    rig.run(80, Twist(0.5, 0.0))
+    assert rig.tick(Twist(0.5, 0.0)).twist.v == pytest.approx(0.5)
+    yaw = scan().yaw
+    rig.seen = np.where(np.abs(yaw) < math.radians(30), np.nan, 5.0).astype(np.float32)
+    slow = rig.run(80, Twist(0.5, 0.2))[-1]
+    assert slow.twist.v == pytest.approx(0.3)
+    assert slow.twist.w == pytest.approx(0.12)
+    assert "slow: lidar gets no echo over 60 deg ahead" in slow.reasons

@@ -9,7 +9,7 @@ import pytest
 from calibration.mounting import LidarMount
 from ghal360_robot.messages import LidarScan, Surroundings, Twist
 from ghal360_robot.safety.footprint import Disc
-from ghal360_robot.safety.view import blind_ahead, out_of_sight, scan_fault
+from ghal360_robot.safety.view import blind_ahead, out_of_sight, scan_fault, silent_ahead
 from ghal360_robot.surroundings import look_around
 from tests.safety.conftest import YAW, around, scan
 
@@ -148,3 +148,22 @@ def test_a_lidar_that_looks_backwards_lets_the_robot_back_and_not_drive() -> Non
     seen = look_around(scan(3.0), LidarMount(x=-0.2, yaw=math.pi))
     assert out_of_sight(seen, Twist(-0.1, 0.0), [(ROUND[0], 0.1)]) == []
     assert out_of_sight(seen, Twist(0.1, 0.0), [(ROUND[0], 0.1)]) != []
+
+
+@pytest.mark.parametrize(
+    ("from_deg", "wide_deg", "said"), [(-10, 21, True), (-10, 19, False), (35, 30, False), (28, 30, True)]
+)
+def test_a_wide_stretch_without_echo_ahead_is_said(from_deg: float, wide_deg: float, said: bool) -> None:
+    yaw = np.radians(np.linspace(-135, 135, 811)).astype(np.float32)
+    ranges = np.full(811, 3.0, np.float32)
+    degrees = np.degrees(yaw)
+    ranges[(degrees > from_deg) & (degrees < from_deg + wide_deg)] = np.nan
+    around = look_around(LidarScan(0, ranges, yaw, 0, 0, 0), LidarMount())
+    assert bool(silent_ahead(around)) is said
+    assert not blind_ahead(around)
+
+
+def test_a_scan_too_coarse_to_show_a_leg_is_no_scan() -> None:
+    yaw = np.radians(np.linspace(-135, 135, 100)).astype(np.float32)
+    around = look_around(LidarScan(0, np.full(100, 3.0, np.float32), yaw, 0, 0, 0), LidarMount())
+    assert scan_fault(around, ROUND) == "the scan has too few beams"

@@ -372,3 +372,13 @@ def test_what_is_allowed_as_a_whole_is_allowed_more_slowly_along_the_same_arc(
 def test_the_allowed_speed_can_always_be_braked_inside_the_free_distance(free_m: float, speed: float) -> None:
     twist, _ = limit(wall(free_m), Twist(speed, 0.0), LIMITS, STILL)
     assert needed_m(twist.v) <= free_m + 1e-6
+
+
+@pytest.mark.parametrize("cable", [(-0.1, 0.2), (0.0, 0.3)])
+def test_something_on_the_robot_itself_does_not_let_it_closer_to_anything_else(cable: tuple[float, float]) -> None:
+    for wall_m in (0.40, 0.44, 0.50):
+        ahead = [(wall_m, y) for y in np.linspace(-0.5, 0.5, 41)]
+        with_cable, _ = limit(things(cable, *ahead), AHEAD, LIMITS, STILL)
+        without, _ = limit(things(*ahead), AHEAD, LIMITS, STILL)
+        assert with_cable.v <= without.v
+    assert limit(things(cable), Twist(-0.1, 0.0), LIMITS, STILL)[0].v >= -CRAWL
