@@ -172,9 +172,7 @@ class SafetySection(_Section):
         {}, max_length=8, description="Locks that have to be published, each with the priority it holds back"
     )
     lock_hold_s: Seconds = Field(0.5, description="A lock whose publisher is silent this long holds")
-    tick_gap_s: float = Field(
-        0.15, ge=0.05, le=0.18, description="A control loop that stood still this long: disarmed"
-    )
+    tick_gap_s: float = Field(0.15, ge=0.05, le=0.18, description="A control loop that stood still this long: disarmed")
     latency_s: Thresholds = Field((0.3, 0.5, 0.8), description="Operator's round trip: warn, half speed, stop")
     battery_percent: Thresholds = Field((25.0, 15.0, 8.0), description="Warn, half speed, disarm")
     temperature_degc: Thresholds = Field((50.0, 55.0, 60.0), description="Hottest battery: warn, half speed, disarm")

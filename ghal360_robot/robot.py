@@ -108,7 +108,7 @@ class Robot:
     def not_ready(self) -> tuple[str, ...]:
         """What would keep an arm press from arming right now."""
         newest = self.loop.newest
-        return ("starting",) if newest is None else self.loop.safety.not_ready(newest[0])
+        return ("starting",) if newest is None else self.loop.safety.not_ready(self.loop.safety_state, newest[0])
 
     async def _assemble(self, stack: AsyncExitStack) -> None:
         config, board = self.config, self.board

@@ -82,10 +82,10 @@ class Safety:
         after = SafetyState(arming, twist, taken.source, stopped, levels, memory, now)
         return after, Applied(twist, arming.state, said + slowed + avoiding + ramping, free_m, taken.source)
 
-    def not_ready(self, inputs: Inputs) -> tuple[str, ...]:
+    def not_ready(self, state: SafetyState, inputs: Inputs) -> tuple[str, ...]:
         """What would keep a press of the arm button from arming, for the status line and the page."""
-        _, readings = derating.step(Derating(), inputs, self.limits.deratings)
-        losses = self._losses(SafetyState(), inputs, readings)
+        _, readings = derating.step(state.derating, inputs, self.limits.deratings)
+        losses = self._losses(state, inputs, readings)
         return gate.why_not_ready(inputs.base, judge(inputs, self.limits), losses)
 
     def _losses(self, state: SafetyState, inputs: Inputs, readings: tuple[Reading, ...]) -> tuple[str, ...]:

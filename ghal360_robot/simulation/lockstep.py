@@ -133,7 +133,10 @@ class Lockstep:
             self._on_tick(inputs, decision, applied)
         self._drive(now_ns, applied.arm, applied.twist)
         status = PageStatus(
-            decision.cue.value, applied.arm is ArmState.ARMED, not self.safety.not_ready(inputs), trouble=False
+            decision.cue.value,
+            applied.arm is ArmState.ARMED,
+            not self.safety.not_ready(self.safety_state, inputs),
+            trouble=False,
         )
         self.desk.tell(status, now_ns)
         self.tick += 1

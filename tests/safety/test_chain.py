@@ -21,7 +21,7 @@ from ghal360_robot.messages import (
     Stops,
     Twist,
 )
-from ghal360_robot.safety.chain import Safety
+from ghal360_robot.safety.chain import Safety, SafetyState
 from ghal360_robot.safety.derating import Rule
 from ghal360_robot.safety.limits import SafetyLimits
 from ghal360_robot.safety.mux import LockRule
@@ -93,7 +93,7 @@ def test_every_limit_is_a_setting() -> None:
     rig.presses += 1
     assert rig.give(replace(operator(rig, holder="a"), lease=Lease("a", 0)), FORWARD).arm is ArmState.ARMED
     empty = Safety(SafetyLimits(deratings=(Rule("battery", "%", 99.0, 98.0, 97.0, 0.1, disarms=True),)))
-    assert empty.not_ready(inputs(5)) == ("battery 90 %",)
+    assert empty.not_ready(SafetyState(), inputs(5)) == ("battery 90 %",)
 
 
 def test_a_hold_forgets_neither_the_surroundings_nor_what_is_slow() -> None:
@@ -355,7 +355,7 @@ def test_an_empty_battery_disarms_and_keeps_from_arming() -> None:
     rig.presses += 1
     base = replace(rig.inputs().base, battery_percent=7.0)  # type: ignore[type-var]
     assert rig.tick(FORWARD, base=base).reasons == ("cannot arm: battery 7 %",)
-    assert rig.safety.not_ready(rig.inputs(base=base)) == ("battery 7 %",)
+    assert rig.safety.not_ready(rig.state, rig.inputs(base=base)) == ("battery 7 %",)
 
 
 def test_wheels_that_do_not_follow_slow_the_robot_down_and_then_disarm_it() -> None:
@@ -439,9 +439,9 @@ def test_stamps_from_the_future_are_silence() -> None:
 
 def test_not_ready_says_what_a_press_would_meet() -> None:
     safety = Safety()
-    assert safety.not_ready(inputs(5)) == ()
-    assert safety.not_ready(inputs(5, lease=Lease("a", 0))) == ("another operator holds the lease",)
+    assert safety.not_ready(SafetyState(), inputs(5)) == ()
+    assert safety.not_ready(SafetyState(), inputs(5, lease=Lease("a", 0))) == ("another operator holds the lease",)
     off = replace(inputs(5).base, mode=BaseMode.OFF, faults=("flat",))  # type: ignore[type-var]
-    assert safety.not_ready(inputs(5, base=off)) == ("flat", "base is off")
+    assert safety.not_ready(SafetyState(), inputs(5, base=off)) == ("flat", "base is off")
     stale = fresh(theta=replace(FRESH, age_s=1.0), tim571=replace(FRESH, age_s=2.0))
-    assert safety.not_ready(inputs(5, freshness=stale)) == ("lidar lost", "video stale")
+    assert safety.not_ready(SafetyState(), inputs(5, freshness=stale)) == ("lidar lost", "video stale")
