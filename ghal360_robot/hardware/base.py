@@ -13,7 +13,7 @@ from drivers.rmp110.codec.whitelist import forbidden, guard
 from drivers.rmp110.device.config import Rmp110Config
 from drivers.rmp110.device.rmp110 import STANDBY, TRACTOR, Rmp110
 from drivers.rmp110.device.state import LinkState
-from drivers.rmp110.errors import RmpError
+from drivers.rmp110.errors import RmpError, RmpHeld
 from drivers.rmp110.transport.can_bus import CanTransport
 from drivers.rmp110.transport.datagram import PORT as V3_PORT
 from drivers.rmp110.transport.datagram import DatagramTransport
@@ -68,6 +68,7 @@ class BaseOutput:
 
     async def enter(self, stack: AsyncExitStack) -> None:
         await stack.enter_async_context(self._base)
+        stack.push_async_callback(self._end_mode_change)
 
     async def run(self) -> None:
         async for state in self._base.states():
@@ -82,14 +83,17 @@ class BaseOutput:
             return
         armed = applied.arm is ArmState.ARMED
         if self._mode_change is not None and not self._mode_change.done():
-            return  # while modes change the driver itself sends zero
-        if self._base.refusal() is None:
-            self._send(applied.twist if armed else STILL)
+            return  # on the way to STANDBY the driver sends zero itself, and nothing moves before TRACTOR
+        refusal = self._base.refusal()
+        if refusal is None or isinstance(refusal, RmpHeld):
+            # Held by the driver's watchdog: it takes a zero for an acknowledgement.
+            self._send(applied.twist if armed and refusal is None else STILL)
         elif armed and latest.stamp_ns - self._asked_ns >= RETRY_NS:
             self._asked_ns = latest.stamp_ns
             self._ask(TRACTOR)
-        if not armed and latest.mode is OperationalState.TRACTOR:
-            self._ask(STANDBY)  # after the zero, and never put off
+        over = latest.latched is not None and latest.trouble_now is None
+        if not armed and (over or latest.mode is OperationalState.TRACTOR):
+            self._ask(STANDBY)  # after the zero, and never put off; who armed has been told of any trouble
 
     def stats(self) -> LinkStats:
         stats = self._base.stats
@@ -110,6 +114,12 @@ class BaseOutput:
             self._said = ""
         except RmpError as error:
             self._say(f"base: {error}")
+
+    async def _end_mode_change(self) -> None:
+        """At the end nobody wants TRACTOR any more; the driver itself leaves the base in STANDBY."""
+        if self._mode_change is not None:
+            self._mode_change.cancel()
+            await asyncio.wait({self._mode_change})
 
     def _say(self, sentence: str) -> None:
         """Once, not fifty times a second."""

@@ -5,11 +5,13 @@ from __future__ import annotations
 import asyncio
 import struct
 import time
-from contextlib import AsyncExitStack
+from collections.abc import AsyncIterator, Callable
+from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, field
 
 import pytest
 
+from drivers.rmp110.codec.parameters import OperationalState
 from drivers.rmp110.simulator.model import RmpModel
 from drivers.rmp110.simulator.serve import serve
 from drivers.rmp110.transport.can_bus import CanTransport
@@ -32,13 +34,14 @@ class Wire:
     """Stands for the logbook: every frame sent, with its time."""
 
     sent: list[tuple[int, int, bytes]] = field(default_factory=list)
+    states: list[BaseState] = field(default_factory=list)
 
     def can_frame(self, stamp_ns: int, direction: str, can_id: int, data: bytes) -> None:
         if direction == "tx":
             self.sent.append((stamp_ns, can_id, data))
 
     def base_state(self, state: BaseState) -> None:
-        """Not looked at."""
+        self.states.append(state)
 
     def moving(self, since_ns: int = 0) -> list[int]:
         """When non-zero motion was sent."""
@@ -49,26 +52,49 @@ class Wire:
         return [value for number, value in words if number == MODE_REQUEST]
 
 
-async def driven(after_s: float, then: Applied) -> tuple[Wire, int]:
-    """Arm and drive for `after_s`, then apply something else for a second; when that began."""
-    wire = Wire()
-    async with serve(model=RmpModel(time.monotonic_ns(), boot_s=0.1)) as simulated, AsyncExitStack() as stack:
+@asynccontextmanager
+async def connected(wire: Wire) -> AsyncIterator[tuple[BaseOutput, RmpModel]]:
+    """A base that is on, and what drives it."""
+    model = RmpModel(time.monotonic_ns(), boot_s=0.1)
+    async with serve(model=model) as simulated, AsyncExitStack() as stack:
         config = with_overrides(
             RobotConfig(), {"rmp110": {"interface": "socketcand", "host": "127.0.0.1", "port": simulated.port}}
         )
         base = BaseOutput(config.rmp110, config.safety, make_board(config, 20.0), wire)  # type: ignore[arg-type]
+        running = asyncio.create_task(base.run())
+        stack.push_async_callback(asyncio.wait, {running})
         await base.enter(stack)
         async with asyncio.timeout(10):
             while base.stats().link != "streaming":
                 await asyncio.sleep(0.01)
+        yield base, model
+
+
+async def apply_until(
+    base: BaseOutput, applied: Applied, condition: Callable[[], object], timeout_s: float = 5.0
+) -> None:
+    """One command every 20 ms, as the control loop has it."""
+    async with asyncio.timeout(timeout_s):
+        while not condition():
+            base.apply(applied)
+            await asyncio.sleep(0.02)
+
+
+async def apply_for(base: BaseOutput, applied: Applied, seconds: float) -> None:
+    end_ns = time.monotonic_ns() + round(seconds * 1e9)
+    await apply_until(base, applied, lambda: time.monotonic_ns() >= end_ns)
+
+
+async def driven(after_s: float, then: Applied) -> tuple[Wire, int]:
+    """Arm and drive for `after_s`, then apply something else for a second; when that began."""
+    wire = Wire()
+    async with connected(wire) as (base, _):
         began = time.monotonic()
         while time.monotonic() - began < after_s or not (wire.moving() or after_s < 0.2):
             base.apply(FORWARD)
             await asyncio.sleep(0.02)
         changed_ns = time.monotonic_ns()
-        while time.monotonic_ns() - changed_ns < 1_000_000_000:
-            base.apply(then)
-            await asyncio.sleep(0.02)
+        await apply_for(base, then, 1.0)
         return Wire(list(wire.sent)), changed_ns  # what closing sends does not count
 
 
@@ -86,6 +112,47 @@ async def test_a_released_dead_man_is_zero_at_once_and_keeps_the_mode(after_s: f
     assert wire.moving()
     assert wire.moving(changed_ns) == []
     assert wire.mode_requests(changed_ns) == []
+
+
+async def test_an_intervention_of_one_packet_stops_the_robot_until_it_was_disarmed() -> None:
+    wire = Wire()
+    async with connected(wire) as (base, model):
+        await apply_until(base, FORWARD, wire.moving)
+        model.dynamic_response = 0x10
+        await apply_until(base, FORWARD, lambda: wire.states[-1].faults)
+        model.dynamic_response = 0
+        since_ns = time.monotonic_ns()
+        await apply_for(base, FORWARD, 1.2)
+        assert wire.moving(since_ns) == []
+        assert wire.mode_requests(since_ns) == []
+        assert "of its own accord" in wire.states[-1].faults[0]
+        await apply_until(base, DISARMED, lambda: not wire.states[-1].faults)
+        assert model.state is OperationalState.STANDBY
+        since_ns = time.monotonic_ns()
+        await apply_until(base, FORWARD, lambda: wire.moving(since_ns))
+
+
+async def test_after_the_watchdog_held_the_base_zero_comes_first_and_no_mode_is_asked_for() -> None:
+    wire = Wire()
+    async with connected(wire) as (base, _):
+        await apply_until(base, FORWARD, wire.moving)
+        await apply_for(base, FORWARD, 0.2)
+        time.sleep(0.35)  # noqa: ASYNC251 - exactly that
+        since_ns = time.monotonic_ns()
+        await asyncio.sleep(0.1)
+        await apply_until(base, FORWARD, lambda: wire.moving(since_ns))
+        motions = [data for t, can_id, data in wire.sent if can_id == MOTION and t >= since_ns]
+        assert motions[0] == bytes(8)
+        assert wire.mode_requests(since_ns) == []
+
+
+async def test_a_robot_that_ends_just_when_it_is_armed_leaves_the_base_in_standby() -> None:
+    async with connected(Wire()) as (base, model):
+        base.apply(FORWARD)
+        await asyncio.sleep(0.01)
+    await asyncio.sleep(0.2)
+    model.step(time.monotonic_ns())
+    assert model.state is OperationalState.STANDBY
 
 
 def test_the_configured_protocol_picks_the_way_to_the_base() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from drivers.rmp110.codec.motion import Normalised
 from drivers.rmp110.codec.parameters import ModeRequest, OperationalState
@@ -35,6 +36,8 @@ MIN_PERIOD_S = 0.01
 """The base takes a command per control tick, 100 Hz (fact sheet 3.5)."""
 MODE_TIMEOUT_S = 1.0
 """A mode change takes 40 to 50 ms; after a second it was refused."""
+MODE_LATENCY_S = 0.1
+"""Twice what a mode change takes: a state reported later than this after a request is the final one."""
 MODE_RETRY_S = 0.2
 """A lost mode request is repeated; asking twice does no harm."""
 SLOW_MPS, SLOW_RPS = 0.02, 0.05
@@ -64,8 +67,11 @@ class Pilot:
         self._state: State | None = None
         self._seen_ns = 0
         self._moving = False
+        self._latched: str | None = None
         self._disarmed_because = "nobody asked for it since the link was made"
         self.armed = False
+        self.tractor_asked = False
+        """Whether TRACTOR was asked for since the last STANDBY: the base may be in it, or get there any moment."""
         self.last_motion_ns: int | None = None
 
     @property
@@ -80,12 +86,20 @@ class Pilot:
         """The link is over."""
         self._watchdog.stop()
 
-    def watch(self, state: State, arrived_ns: int) -> None:
-        """A new state: anything unusual takes the permission to drive away, and says zero once."""
+    def watch(self, state: State, arrived_ns: int) -> State:
+        """A new state: anything unusual takes the permission to drive away, and says zero once.
+
+        Returns the state with what was unusual since, be it for one packet, until STANDBY is requested.
+        """
+        if self.tractor_asked and state.trouble_now:
+            self._latched = state.trouble_now
+        if self._latched:
+            state = replace(state, latched=self._latched)
         self._state, self._seen_ns = state, arrived_ns
         if self.armed and (state.trouble or state.mode is not OperationalState.TRACTOR):
             self._disarm(state.trouble or f"the base left it and is in {state.mode.name}")
             self._say_zero()
+        return state
 
     def keep_fresh(self, now_ns: int) -> None:
         """Replace a command that nobody renews by zero, before the base's own timeout does."""
@@ -114,8 +128,10 @@ class Pilot:
             return RmpNotIdentified(f"no feedback from the base for {SILENCE_S:g} s: nothing may move without")
         if self._identity.refusal:
             return RmpLimitsDiffer(self._identity.refusal)
-        if state.trouble:
-            return RmpFaulted(f"{state.trouble}; look after the base, then switch it off and on")
+        if state.trouble_now:
+            return RmpFaulted(f"{state.trouble_now}; look after the base, then switch it off and on")
+        if self._latched:
+            return RmpFaulted(f"it is over, but {self._latched}: look after the base, then request STANDBY")
         if not self.armed:
             return RmpWrongMode(f"the base was not put into tractor mode: {self._disarmed_because}")
         if self._watchdog.tripped:
@@ -161,9 +177,10 @@ class Pilot:
         if self._mode not in (OperationalState.STANDBY, OperationalState.TRACTOR):
             raise RmpWrongMode(f"the base is in {self._mode.name}: wait until it is in STANDBY")
         held = self._watchdog.tripped
+        self.tractor_asked = True
         await self._reach(ModeRequest.TRACTOR, OperationalState.TRACTOR)
         if held and self._say_zero():
-            # Whoever asks for TRACTOR again knows that the base stands.
+            # Whoever asks for TRACTOR again wants it to drive on; the zero is what the watchdog waits for.
             self._watchdog.release()
         self.armed = True
 
@@ -184,13 +201,17 @@ class Pilot:
             self._say_zero()
             await self._link.pause(ZERO_PERIOD_S)
         await self._reach(ModeRequest.STANDBY, OperationalState.STANDBY)
+        self.tractor_asked = False
+        self._latched = None
         self._watchdog.release()
 
     async def _reach(self, request: ModeRequest, wanted: OperationalState) -> None:
-        deadline_ns = self._clock() + round(MODE_TIMEOUT_S * 1e9)
-        while self._clock() < deadline_ns:
+        began_ns = self._clock()
+        # Where the base seems to be there already, what was asked for before this may be still to come.
+        since_ns = began_ns + (round(MODE_LATENCY_S * 1e9) if self._mode is wanted else 0)
+        while self._clock() < began_ns + MODE_TIMEOUT_S * 1e9:
             self._link.try_send(self._language.mode(request))
-            if await self._link.wait(lambda: self._mode is wanted, MODE_RETRY_S):
+            if await self._link.wait(lambda: self._mode is wanted and self._seen_ns >= since_ns, MODE_RETRY_S):
                 return
         raise RmpTimeout(
             f"the base did not go to {request.name} within {MODE_TIMEOUT_S:g} s (it is in {self._mode.name}): "

@@ -79,10 +79,12 @@ class Rmp110:
     async def __aexit__(self, *exception: object) -> None:
         """Zero motion, STANDBY once slow, then close; the reason why it could not be so is logged."""
         try:
-            latest = self.latest
-            tractor = latest is not None and latest.mode is OperationalState.TRACTOR
-            if self._pilot and tractor and not self.config.observe_only:
-                await self.request_mode(STANDBY)
+            async with self._mode_change:
+                # Only now: a request for TRACTOR may just have gone out, and show in no state yet.
+                pilot, latest = self._pilot, self.latest
+                tractor = latest is not None and latest.mode is OperationalState.TRACTOR
+                if pilot and (tractor or pilot.tractor_asked) and not self.config.observe_only:
+                    await pilot.enter_standby()
         except RmpError as error:
             log.warning("the base was not put to standby before closing: %s", error)
         finally:

@@ -130,6 +130,8 @@ class State:
     """What is odd, in words; motion is possible."""
     batteries: tuple[Battery, ...] = ()
     """The packs that the feedback set speaks of."""
+    latched: str | None = None
+    """Trouble while driving that may be over, in words: kept until STANDBY is requested."""
 
     @property
     def temperature_degc(self) -> float | None:
@@ -138,7 +140,12 @@ class State:
 
     @property
     def trouble(self) -> str | None:
-        """Why the base must not be commanded now, in words; None when healthy."""
+        """Why the base must not be commanded, in words; None when healthy."""
+        return self.trouble_now or self.latched
+
+    @property
+    def trouble_now(self) -> str | None:
+        """The same of this very packet."""
         if self.faults:
             return f"the base reports {'; '.join(self.faults)}"
         if self.dynamic_response:

@@ -111,7 +111,7 @@ class Stream:
         self._time_s = time_s
         state = read_state(report.first_ns, values, journal.odometry, self._identity, track_m, self._slip.warnings)
         self._heard_ns = report.last_ns
-        self._pilot.watch(state, report.last_ns)
+        state = self._pilot.watch(state, report.last_ns)
         journal.publish(state, report.last_ns)
         self._link.answered()
         started, self._started = self._started, None

@@ -295,6 +295,48 @@ async def test_a_base_that_leaves_tractor_by_itself_is_not_commanded_any_more() 
 
 
 @virtual_time
+async def test_an_intervention_of_one_packet_is_kept_until_standby_is_requested() -> None:
+    async with rig() as it, it.device() as base:
+        await base.ready(READY_S)
+        await base.request_mode(TRACTOR)
+        await drive(base, 0.2, 0.0, 0.2)
+        it.model.dynamic_response = 0x10
+        await until(lambda: base.latest and base.latest.dynamic_response)
+        it.model.dynamic_response = 0
+        await asyncio.sleep(0.5)
+        assert base.latest is not None
+        assert base.latest.trouble_now is None
+        assert "acts of its own accord" in str(base.latest.trouble)
+        with pytest.raises(RmpFaulted, match=r"it is over, .* request STANDBY"):
+            base.send_motion(0.1, 0.0)
+        with pytest.raises(RmpFaulted):
+            await base.request_mode(TRACTOR)
+        await base.request_mode(STANDBY)
+        await base.request_mode(TRACTOR)
+        assert base.latest.trouble is None
+        base.send_motion(0.1, 0.0)
+
+
+@pytest.mark.parametrize("after_s", [0.0, 0.001, 0.01, 0.03, 0.045])
+@pytest.mark.parametrize("cancelled", [False, True])
+@virtual_time
+async def test_whoever_leaves_while_tractor_is_requested_leaves_the_base_in_standby(
+    after_s: float, cancelled: bool
+) -> None:
+    async with rig() as it:
+        async with it.device() as base:
+            await base.ready(READY_S)
+            request = asyncio.create_task(base.request_mode(TRACTOR))
+            await asyncio.sleep(after_s)
+            if cancelled:
+                request.cancel()
+        await asyncio.gather(request, return_exceptions=True)
+        await asyncio.sleep(0.2)
+        it.bus.step()
+        assert it.model.state is OperationalState.STANDBY
+
+
+@virtual_time
 async def test_somebody_else_commanding_takes_motion_away_until_it_stops() -> None:
     async with rig() as it, it.device() as base:
         await base.ready(READY_S)
