@@ -12,6 +12,7 @@ from functools import partial
 from drivers.rmp110.codec.commands import POLL
 from drivers.rmp110.codec.dialect import Action, Dialect
 from drivers.rmp110.codec.fault_log import PACKET_WORDS, PACKETS, FaultLog, decode_fault_log
+from drivers.rmp110.codec.frames import FEEDBACK_ID, Frame
 from drivers.rmp110.codec.parameters import OperationalState, Stored
 from drivers.rmp110.codec.vocabulary import B1, B2, B3, VOCABULARIES, Vocabulary
 from drivers.rmp110.device.config import Rmp110Config
@@ -24,6 +25,8 @@ from drivers.rmp110.errors import RmpSilent, RmpUnsupported
 
 LISTEN_S = 0.3
 """Three periods of the slowest sensible command stream (10 Hz): is somebody else driving?"""
+LATE_REPLIES = 2
+"""Whoever was on the bus before may still be answered; a stream brings thirty packets meanwhile (fact sheet 3.5)."""
 PROBE_PERIOD_S, PROBES = 0.1, 5
 """Five polls at 10 Hz; a base that is on answers the first."""
 READ_ATTEMPTS = 5
@@ -41,6 +44,15 @@ LOOKS_LIKE_B1 = (
     "a fault in it; set the dialect to b1, or to b2 where you know better"
 )
 
+NOT_B1 = (
+    "the base is not one of dialect B1 (replies of {} frames, B1 has {} at most): what B1 is asked for its parameters "
+    "with would change the feedback set of this one; set the dialect to auto"
+)
+STREAMS = (
+    "the base sends by itself, so that replies cannot be told from its stream: stop the program that asked it to, "
+    "then switch the base off and on"
+)
+
 
 async def identify(link: Link, config: Rmp110Config, enter: Callable[[LinkState], None]) -> Identity:
     """Who answers, with what parameters; writes what may be written.
@@ -49,10 +61,13 @@ async def identify(link: Link, config: Rmp110Config, enter: Callable[[LinkState]
     """
     books = CANDIDATES[config.dialect]
     enter(LinkState.PROBING)
-    await link.pause(LISTEN_S)
+    await _listen(link)
     reply = await probe(link)
-    if config.dialect == "auto" and len(reply.words) // 2 == B1.layout(B1.factory_bitmaps).frame_count:
-        raise RmpUnsupported(LOOKS_LIKE_B1.format(len(reply.words) // 2))
+    frames, longest_b1 = len(reply.words) // 2, B1.layout(B1.factory_bitmaps).frame_count
+    if config.dialect == "auto" and frames == longest_b1:
+        raise RmpUnsupported(LOOKS_LIKE_B1.format(frames))
+    if config.dialect == "b1" and frames > longest_b1:
+        raise RmpUnsupported(NOT_B1.format(frames, longest_b1))
     enter(LinkState.IDENTIFYING)
     book, stored = await read_stored(link, books)
     values = await read_values(link, book, stored)
@@ -94,6 +109,20 @@ def conclude(
     )
 
 
+async def _listen(link: Link) -> None:
+    """Hear whether somebody else drives, or the base talks unasked. Raises RmpForeignCommands, RmpUnsupported."""
+    begun = 0
+
+    def count(_stamp_ns: int, frame: Frame) -> None:
+        nonlocal begun
+        begun += frame.can_id == FEEDBACK_ID
+
+    link.consumer = count
+    await link.pause(LISTEN_S)
+    if begun > LATE_REPLIES:
+        raise RmpUnsupported(STREAMS)
+
+
 async def probe(link: Link) -> Reply:
     """The answer to a poll. A base whose feedback bitmaps are all zero gives none, and is still there."""
     reply = Reply(heard=False)
@@ -116,8 +145,21 @@ async def read_stored(link: Link, books: Sequence[Vocabulary]) -> tuple[Vocabula
         # Whatever happened: never leave the base answering with parameters instead of its state.
         link.farewell(off)
         raise
-    await ask(link, off)
+    await _back_to_feedback(link, off, words)
     return _interpret(words, books)
+
+
+async def _back_to_feedback(link: Link, off: Frame, parameters: tuple[int, ...]) -> None:
+    """Until replies are no parameters any more: B3's are as long as its feedback, and would pass for it.
+
+    A base whose feedback bitmaps are all zero falls silent then.
+    """
+    for _ in range(READ_ATTEMPTS):
+        heard = (await ask(link, off)).heard
+        reply = await ask(link, POLL)
+        if reply.words != parameters if reply.packet else not (heard or reply.heard):
+            return
+    raise RmpUnsupported("the base goes on replying with its parameters instead of its state: switch it off and on")
 
 
 async def _read_words(link: Link, books: Sequence[Vocabulary]) -> tuple[int, ...]:

@@ -28,7 +28,7 @@ from drivers.rmp110.device.pilot import Pilot, WatchdogFactory
 from drivers.rmp110.device.state import Identity, LinkState, State, Stats
 from drivers.rmp110.device.stream import Stream
 from drivers.rmp110.device.watchdog import ThreadWatchdog
-from drivers.rmp110.errors import RmpError, RmpNotIdentified, RmpRefused, RmpTimeout
+from drivers.rmp110.errors import RmpError, RmpNotIdentified, RmpPoweringDown, RmpRefused, RmpTimeout
 from drivers.rmp110.transport.base import Transport
 
 log = logging.getLogger(__name__)
@@ -36,6 +36,8 @@ log = logging.getLogger(__name__)
 STANDBY, TRACTOR = ModeRequest.STANDBY, ModeRequest.TRACTOR
 
 Identify = Callable[[Link, Rmp110Config, Callable[[LinkState], None]], Awaitable[Identity]]
+POWER_GONE_S = 35.0
+"""A base that announced it is off some 30 s later (fact sheet section 11); until then it answers, and is let alone."""
 IDENTIFY: Mapping[str, Identify] = {"can": identify, "v3": identify_v3}
 """By configured protocol: never one by trial, V3 packets may ruin an older base (fact sheet section 2)."""
 
@@ -181,17 +183,19 @@ class Rmp110:
             while True:
                 self._link = link = Link(self._transport(), self._hook, self._clock)
                 received = self._journal.received
+                failure: RmpError | None = None
                 try:
                     await self._converse(link)
                 except RmpError as error:
-                    self._detail = str(error)
+                    failure, self._detail = error, str(error)
                 finally:
                     await self._hang_up(link)
                 if self._journal.received > received:
                     pause_s = self.config.backoff_s[0]
+                wait_s = POWER_GONE_S if isinstance(failure, RmpPoweringDown) else pause_s
                 self._enter(LinkState.BACKOFF)
-                log.warning("%s; trying again in %.1f s", self._detail, pause_s)
-                await asyncio.sleep(pause_s)
+                log.warning("%s; trying again in %.1f s", self._detail, wait_s)
+                await asyncio.sleep(wait_s)
                 pause_s = min(pause_s * 2, longest_s)
                 self._journal.reconnects += 1
         finally:

@@ -20,7 +20,9 @@ STREAM_PERIOD_S = 0.01
 NUDGE_S = 0.1
 """A stream that pauses for ten packets is asked for again."""
 STALL_S = 0.1
-"""The loop looks every 40 ms at most; later than this it was stuck itself, and silence says nothing of the base."""
+"""The loop looks every `LOOK_S`; later than this it was stuck itself, and silence says nothing of the base."""
+LOOK_S = 0.04
+"""Longest pause between two looks at what did not come."""
 AGAIN = "the base is in STANDBY now: its parameters can be written on a new connection"
 LONGEST_GAP = 100
 """Missing packets counted at most for one gap: what the base's own time says may be nonsense."""
@@ -66,7 +68,7 @@ class Stream:
             if self._identity.postponed and self._pilot.in_standby:
                 raise RmpLinkError(AGAIN)
             self._pilot.keep_fresh(now_ns)
-            await link.pause(self._ask(now_ns) / 1e9)
+            await link.pause(min(self._ask(now_ns) / 1e9, LOOK_S))
 
     def _ask(self, now_ns: int) -> int:
         """Ask for feedback where nothing else did; nanoseconds until the next look."""
@@ -82,7 +84,7 @@ class Stream:
             last_ns = max(last_ns, self._heard_ns)
         idle_ns = now_ns - last_ns
         if idle_ns < patience_ns:
-            return min(max(patience_ns - idle_ns, 1_000_000), 2 * period_ns)
+            return max(patience_ns - idle_ns, 1_000_000)
         self._link.try_send(self._language.nudge)
         return period_ns
 

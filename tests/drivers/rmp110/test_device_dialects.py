@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import asyncio
 import dataclasses
 
 import pytest
 
 from drivers.rmp110 import STANDBY, TRACTOR, Rmp110Config
-from drivers.rmp110.codec.dialect import Dialect
+from drivers.rmp110.codec.dialect import Action, Dialect
 from drivers.rmp110.codec.fault_log import FaultLog
-from drivers.rmp110.codec.frames import CONFIG_ID, unpack_words
+from drivers.rmp110.codec.frames import CONFIG_ID, Frame, unpack_words
+from drivers.rmp110.codec.parameters import OperationalState
+from drivers.rmp110.codec.vocabulary import B3
 from drivers.rmp110.errors import RmpNotIdentified, RmpTimeout
 from tests.drivers.rmp110.virtual_rig import (
     CONFIG,
     READY_S,
+    clock,
     drive,
     rig,
     virtual_time,
@@ -87,6 +91,63 @@ async def test_a_b2_base_taken_for_b1_is_refused() -> None:
         with pytest.raises(RmpTimeout, match="expected was dialect B1"):
             await base.ready(2.0)
         assert it.sent(0x500) == []
+
+
+@virtual_time
+async def test_a_b2_base_taken_for_b1_keeps_its_feedback_set() -> None:
+    async with rig(guard=Dialect.B1, compact=False) as it, it.device(named("b1")) as base:
+        before = it.model.stored.bitmaps
+        with pytest.raises(RmpTimeout, match="not one of dialect B1"):
+            await base.ready(2.0)
+        assert set(it.sent(CONFIG_ID)) == {bytes(8)}, "polls only"
+        assert it.model.stored.bitmaps == before
+
+
+@pytest.mark.parametrize(("ignored", "found"), [(1, True), (3, True), (1000, False)])
+@virtual_time
+async def test_a_b3_base_that_did_not_hear_that_its_parameters_are_known_is_told_again(
+    ignored: int, found: bool
+) -> None:
+    """Its parameters are as many frames as its compact feedback."""
+    async with rig(dialect=Dialect.B3) as it:
+        receive, left = it.model.receive, [ignored]
+
+        def hard_of_hearing(now_ns: int, frame: Frame) -> tuple[Frame, ...]:
+            if frame == B3.act(Action.FORCE_CONFIG_FEEDBACK, 0) and left[0]:
+                left[0] -= 1
+                return ()
+            return receive(now_ns, frame)
+
+        it.model.receive = hard_of_hearing  # type: ignore[method-assign]
+        async with it.device() as base:
+            if found:
+                await base.ready(READY_S)
+                assert base.latest is not None
+                assert base.latest.mode is OperationalState.STANDBY
+                await base.request_mode(TRACTOR)
+            else:
+                with pytest.raises(RmpTimeout, match="goes on replying with its parameters"):
+                    await base.ready(2.0)
+
+
+@virtual_time
+async def test_a_base_that_already_streams_is_not_asked_anything() -> None:
+    async with rig(dialect=Dialect.B3) as it:
+        it.model.receive(clock().now_ns, B3.act(Action.CONTINUOUS_DATA, 1))
+
+        async def stream() -> None:
+            while True:
+                await asyncio.sleep(0.01)
+                it.bus.step()
+                for _, frames in it.model.take_unsolicited():
+                    it.bus._reply(frames)
+
+        streaming = asyncio.create_task(stream())
+        async with it.device() as base:
+            with pytest.raises(RmpTimeout, match="sends by itself"):
+                await base.ready(2.0)
+            assert [frame for frame in it.wire if frame.to_base] == []
+        streaming.cancel()
 
 
 @pytest.mark.parametrize("dialect", [Dialect.B2, Dialect.B3])

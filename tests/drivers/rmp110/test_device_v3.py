@@ -17,7 +17,7 @@ from drivers.rmp110.device.state import LinkState
 from drivers.rmp110.device.stream import missing
 from drivers.rmp110.errors import RmpFaulted, RmpLimitsDiffer, RmpNotIdentified, RmpTimeout, RmpWrongMode
 from tests.drivers.rmp110.v3_rig import CONFIG_V3, v3_rig
-from tests.drivers.rmp110.virtual_rig import BRISK, READY_S, drive, until, virtual_time
+from tests.drivers.rmp110.virtual_rig import BRISK, READY_S, clock, drive, until, virtual_time
 
 
 @pytest.mark.parametrize("order", "<>")
@@ -136,6 +136,16 @@ async def test_a_stream_that_stops_is_asked_for_again_and_silence_ends_the_link(
         assert isinstance(base.refusal(), RmpWrongMode)
 
 
+@pytest.mark.parametrize("poll_hz", [20.0, 50.0])
+@virtual_time
+async def test_silence_of_a_v3_base_is_noticed_whatever_the_polling_rate(poll_hz: float) -> None:
+    it = v3_rig()
+    async with it.device(dataclasses.replace(CONFIG_V3, poll_hz=poll_hz)) as base:
+        await base.ready(READY_S)
+        it.silent = True
+        await until(lambda: base.link is not LinkState.STREAMING, 0.5)
+
+
 @virtual_time
 async def test_a_v3_base_that_announces_its_power_down_is_let_go() -> None:
     it = v3_rig()
@@ -149,6 +159,15 @@ async def test_a_v3_base_that_announces_its_power_down_is_let_go() -> None:
         assert ZERO_MOTION in it.sent[-3:]
         with pytest.raises(RmpNotIdentified, match="switches off"):
             base.send_motion(0.1, 0.0)
+        await asyncio.sleep(29.0)
+        still_on = it.model.powered
+        assert still_on, "it would obey"
+        assert "switches off" in str(base.refusal())
+        assert base.stats.reconnects == 0
+        await asyncio.sleep(2.0)
+        assert not it.model.powered
+        it.model.power_on(clock().now_ns)
+        await base.ready(10.0)
 
 
 @virtual_time
