@@ -6,6 +6,8 @@ Reset is not restart (ISO 13850): after an emergency stop the first press only u
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import compress
+from operator import gt, lt
 from typing import TYPE_CHECKING
 
 from ghal360_robot.messages import ArmState, BaseMode, Stops
@@ -104,19 +106,16 @@ def _presses(
     counts = (operator.arm_presses, operator.disarm_presses, operator.estop_presses)
     seen = (arming.arm_seen or 0, arming.disarm_seen, arming.estop_seen)
     same = operator.holder == arming.holder
-    fell = same and any(now < before for now, before in zip(counts, seen, strict=True))
+    fell = same and any(map(lt, counts, seen))
     another = fell or not same
     replaced = another and arming.arm_seen is not None
     fell_ns = now_ns if fell else arming.fell_ns
     unsettled = fell_ns is not None and now_ns - fell_ns < SETTLE_NS
     new_start = silent or arming.silent or another or arming.arm_seen is None or unsettled
     old = (0, 0, 0) if another else seen
-    names = ("arm", "disarm", "estop")
-    pressed = {name for name, now, before in zip(names, counts, old, strict=True) if now > before}
+    pressed = set(compress(("arm", "disarm", "estop"), map(gt, counts, old)))
     if new_start:
         pressed.discard("arm")
-    if counts == (arming.arm_seen, *seen[1:]) and silent is arming.silent and not another:
-        return arming, frozenset(pressed), replaced
     updated = replace(
         arming,
         arm_seen=counts[0],

@@ -78,15 +78,15 @@ class Reading:
 def step(state: Derating, inputs: Inputs, rules: Sequence[Rule] = RULES) -> tuple[Derating, tuple[Reading, ...]]:
     """One tick: the new levels, and what is not fine in words."""
     warned_ns = _warned(state, inputs)
-    before = state.levels or (Level.FINE,) * len(rules)
-    values = [_value(rule.name, inputs, warned_ns) for rule in rules]
-    levels = tuple(_level(rule, value, level) for rule, value, level in zip(rules, values, before, strict=True))
-    readings = tuple(
-        Reading(rule, level, _words(rule, value, inputs))
-        for rule, value, level in zip(rules, values, levels, strict=True)
-        if level > Level.FINE and value is not None
-    )
-    return Derating(levels, warned_ns), readings
+    levels: list[Level] = []
+    readings: list[Reading] = []
+    for n, rule in enumerate(rules):
+        value = _value(rule.name, inputs, warned_ns)
+        level = _level(rule, value, state.levels[n] if state.levels else Level.FINE)
+        levels.append(level)
+        if value is not None and level > Level.FINE:
+            readings.append(Reading(rule, level, _words(rule, value, inputs)))
+    return Derating(tuple(levels), warned_ns), tuple(readings)
 
 
 def derate(wanted: Twist, readings: Sequence[Reading]) -> tuple[Twist, tuple[str, ...]]:
@@ -135,7 +135,7 @@ def _level(rule: Rule, value: float | None, before: Level) -> Level:
     return max(entered, kept)
 
 
-def _words(rule: Rule, value: float | None, inputs: Inputs) -> str:
+def _words(rule: Rule, value: float, inputs: Inputs) -> str:
     if rule.name == WHEELS and inputs.base is not None:
         return ", ".join(inputs.base.warnings)
     return f"{rule.name} {value:.{1 if rule.unit == 's' else 0}f} {rule.unit}"

@@ -166,7 +166,7 @@ def _driven(driven: tuple[Place, ...], base: BaseState, driven_s: float) -> tupl
         last = driven[-1].pose
         away = math.hypot(base.pose.x - last.x, base.pose.y - last.y)
         if away < DRIVEN_M and abs(wrap(base.pose.yaw - last.yaw)) < DRIVEN_RAD:
-            return (*driven[:-1], Place(base.stamp_ns, last)) if base.stamp_ns > driven[-1].stamp_ns else driven
+            return (*driven[:-1], Place(base.stamp_ns, last))
     return (*driven[1 - DRIVEN :], Place(base.stamp_ns, base.pose))
 
 

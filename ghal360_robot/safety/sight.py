@@ -39,7 +39,7 @@ PASSED_M = 0.08
 class Look:
     """One scan in the odometry frame: where the lidar was, and how far each direction was free.
 
-    `free` (n,) metres is the least range of all beams within `ASTRAY`, 0 where one of them saw nothing.
+    `free` (n,) metres is the least range of all beams within `ASTRAY`, NaN where one of them saw nothing.
     """
 
     stamp_ns: int
@@ -73,21 +73,22 @@ def look(around: Surroundings, pose: Pose2, turning: float) -> Look:
     step = beam_step(around)
     width = math.ceil((ASTRAY + abs(turning) * SWEEP_S / 2) / abs(step)) if step else 0
     x, y = place_of(pose, around.origin)
-    raw = around.raw.copy()
-    raw[np.isnan(raw)] = 0.0
     return Look(
         around.stamp_ns,
         x,
         y,
         pose.yaw,
-        least_around(raw, width),
+        least_around(around.raw, width),
         float(around.bearings[0]) if len(around.bearings) else 0.0,
         step,
     )
 
 
 def least_around(ranges: NDArray[np.float32], width: int) -> NDArray[np.float32]:
-    """Each range replaced by the least within `width` neighbours to either side; 0 near the ends of the scan."""
+    """Each range replaced by the least within `width` neighbours to either side; 0 near the ends of the scan.
+
+    NaN where one of them is.
+    """
     n = len(ranges)
     least = np.zeros(n, np.float32)
     if n <= 2 * width:

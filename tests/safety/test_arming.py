@@ -100,6 +100,7 @@ def test_stops_of_others_count_by_edges_and_anew_when_their_counts_begin_anew() 
     assert after(tick(5, arm=2, stops=Stops(1, 0)), arming=high).state is ArmState.DISARMED
     assert after(tick(5, arm=2, stops=Stops(0, 1)), arming=high).state is ArmState.ESTOP
     assert after(tick(5, arm=2, stops=Stops(5, 5)), arming=high).state is ArmState.ARMED
+    assert after(tick(5, arm=2, stops=Stops(6, 5)), arming=high).state is ArmState.DISARMED
 
 
 def test_disarming_wins_over_arming_and_is_named() -> None:
@@ -149,6 +150,8 @@ def test_counts_that_fall_are_another_operator(seen: dict[str, int], counts: dic
 def test_stops_in_the_first_message_of_another_count() -> None:
     assert after(tick(3, arm=0, estop=1), arming=armed()).state is ArmState.ESTOP
     assert after(tick(3, arm=5, estop=1, holder="b"), arming=armed()).state is ArmState.ESTOP
+    assert after(tick(3, arm=1, estop=1), arming=replace(armed(), estop_seen=5)).state is ArmState.ESTOP
+    assert after(tick(3, arm=0, disarm=1), arming=armed()).reason == "disarmed by the operator"
 
 
 def test_another_holder_is_another_operator_and_may_arm_at_once_with_a_press_of_their_own() -> None:

@@ -73,6 +73,26 @@ def test_only_what_matters_is_kept_and_people_matter_from_further_away() -> None
     assert len(now.points) == len(now.walking) + len(now.resting)
 
 
+def test_nothing_further_away_than_it_matters_is_kept() -> None:
+    for ranges in (LIMITS.reach_m - 0.1, LIMITS.reach_m + 0.1):
+        points = here(after(at(0, Pose2(), ranges=ranges)), 0).points
+        assert 0 < len(points) < 811
+        assert np.hypot(*points.T).max() < LIMITS.reach_m
+    people_m = LIMITS.people_reach_m
+    far = Memory(people=(Person(people_m, 0.0, 0, 0, 2),))
+    seen = here(remember(far, at(1, Pose2(), ranges=people_m - 0.1989), LIMITS), 1)
+    assert len(seen.walking) > 0
+    assert np.hypot(*seen.walking.T).max() < people_m
+
+
+@pytest.mark.parametrize(("age_ns", "walks"), [(SECOND, True), (SECOND + 1, False)])
+def test_who_has_not_moved_for_a_second_rests(age_ns: int, walks: bool) -> None:
+    seen = remember(Memory(people=(Person(1.0, 0.0, 5, 5, 2),)), at(5 + age_ns, Pose2(), ranges=0.8), LIMITS)
+    now = here(seen, 5 + age_ns)
+    assert (len(now.walking) > 0) is walks
+    assert (len(now.resting) > 0) is not walks
+
+
 def test_somebody_seen_only_once_is_not_believed() -> None:
     seen = remember(Memory(people=(Person(1.0, 0.0, 0, 0, 1),)), at(1, Pose2(), ranges=0.8), LIMITS)
     assert len(here(seen, 1).walking) == 0
@@ -91,11 +111,11 @@ def test_each_scan_is_taken_in_once_and_the_number_kept_is_bounded() -> None:
 
 
 def test_older_scans_are_kept_now_and_then_for_as_long_as_ground_is_remembered() -> None:
-    memory = after(*(at(n * 100_000_000, Pose2(), ranges=2.0) for n in range(100)))
-    assert [old.stamp_ns for old in memory.past] == [n * 500_000_000 for n in range(10, 20)]
+    memory = after(*(at(n * 100_000_000, Pose2(), ranges=2.0) for n in range(101)))
+    assert [old.stamp_ns for old in memory.past] == [n * 500_000_000 for n in range(10, 21)]
     forgetful = SafetyLimits(ground_memory_s=60.0)
     for n in range(100):
-        memory = remember(memory, at((100 + 5 * n) * 100_000_000, Pose2(), ranges=2.0), forgetful)
+        memory = remember(memory, at((101 + 5 * n) * 100_000_000, Pose2(), ranges=2.0), forgetful)
     assert len(memory.past) == PAST
 
 
@@ -106,6 +126,8 @@ def test_older_scans_are_kept_now_and_then_for_as_long_as_ground_is_remembered()
         (Pose2(0.81, 0.0, 0.0), SECOND, True),
         (Pose2(0.0, 0.0, 1.29), SECOND, False),
         (Pose2(0.0, 0.0, -1.31), SECOND, True),
+        (Pose2(0.0, 0.81, 0.0), SECOND, True),
+        (Pose2(0.0, 0.79, 0.0), SECOND, False),
         (Pose2(0.0, 0.0, 0.0), 5, True),
     ],
 )
@@ -114,7 +136,9 @@ def test_when_the_odometry_begins_anew_everything_is_forgotten(pose: Pose2, stam
     later = remember(memory, at(stamp_ns, pose), LIMITS)
     assert (later.looks == ()) is jumped
     assert (later.scene is None) is jumped
-    assert len(later.driven) == (1 if jumped or pose.yaw == 0.0 == pose.x else 2)
+    assert len(later.driven) == (1 if jumped else 2)
+    away = remember(after(at(10, Pose2(3.0, 5.0, 0.0))), at(SECOND, Pose2(3.1, 5.1, 0.0)), LIMITS)
+    assert len(away.driven) == 2
 
 
 def test_the_way_is_noted_every_few_centimetres_or_degrees_for_some_seconds() -> None:
@@ -127,6 +151,12 @@ def test_the_way_is_noted_every_few_centimetres_or_degrees_for_some_seconds() ->
     assert [place.pose.yaw for place in spun.driven] == pytest.approx([0.0, 0.1004, 0.2008, 0.3012])
     stood = after(*(at(SECOND + n * TICK_NS, Pose2(0.5, 0.0, 0.0)) for n in range(300)), memory=memory)
     assert len(stood.driven) == 1
+    aside = after(*(at(100 * SECOND + n * SECOND, Pose2(0.0, 7.0 + 0.06 * n, 0.0)) for n in range(5)))
+    assert [place.pose.y for place in aside.driven] == pytest.approx([7.0, 7.06, 7.12, 7.18, 7.24])
+    later = remember(aside, at(105 * SECOND + SECOND // 2, Pose2(0.0, 7.3, 0.0)), LIMITS)
+    assert [place.pose.y for place in later.driven] == pytest.approx([7.06, 7.12, 7.18, 7.24, 7.3])
+    near = remember(later, at(106 * SECOND + SECOND // 2, Pose2(0.0, 7.26, 0.0)), LIMITS)
+    assert [place.pose.y for place in near.driven] == pytest.approx([7.12, 7.18, 7.24, 7.3])
     far = after(*(at(n, Pose2(0.06 * n, 0.0, 0.0)) for n in range(300)))
     assert len(far.driven) == DRIVEN
 

@@ -85,6 +85,20 @@ def test_the_highest_of_several_locks_counts_and_is_named() -> None:
     assert chosen(ago("low", 0.0), locks=locks[1:], rules=rules[1:]).held == ("held by lock 'b'",)
 
 
+def test_the_first_of_locks_that_hold_alike_is_named() -> None:
+    locks = (Lock("a", NOW, engaged=True), Lock("b", NOW, engaged=True))
+    assert chosen(ago("high", 0.0), locks=locks, rules=(LockRule("a"), LockRule("b"))).held == ("held by lock 'a'",)
+
+
+def test_a_lock_as_fresh_as_can_be_is_not_silent_and_the_lowest_source_is_held_by_locks_only() -> None:
+    lowest, command = (Source("low", 0, 0.3, 2.0),), ago("low", 0.0)
+    assert take((command,), (), NOW, lowest) == Taken("low", GO)
+    fresh = Lock("a", NOW + FUTURE_NS, engaged=False)
+    assert take((command,), (fresh,), NOW, lowest, (LockRule("a", 1),)) == Taken("low", GO)
+    engaged = replace(fresh, engaged=True)
+    assert take((command,), (engaged,), NOW, lowest, (LockRule("a", 1),)).held == ("held by lock 'a'",)
+
+
 def test_everybody_asks_at_each_tick_and_nobody_borrows_a_name() -> None:
     tick = inputs(3)
     assert tick.operator is not None

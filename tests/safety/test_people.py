@@ -184,11 +184,38 @@ def test_the_nearest_of_two_is_the_one_that_moved_on() -> None:
     assert sorted((person.x, person.moved_ns) for person in followed) == [(0.0, 1), (pytest.approx(0.4), 2)]
 
 
+def test_nearest_is_measured_both_ways() -> None:
+    people = (Person(0.0, 0.0, 1, 1, 2), Person(0.0, 0.6, 1, 1, 2))
+    at = np.array([[0.0, 0.4], [0.0, 0.42]])
+    followed = follow(people, at, np.ones(2, bool), np.arange(2), 2, 10.0)
+    assert sorted((person.y, person.moved_ns) for person in followed) == [(0.0, 1), (pytest.approx(0.41), 2)]
+
+
+def test_whoever_else_moves_beside_somebody_with_two_legs_is_seen_too() -> None:
+    at = np.array([[1.0, 0.0], [1.0, 0.02], [1.0, 0.3], [1.0, 0.32], [1.0, 2.0], [1.0, 2.02]])
+    beam = np.array([0, 1, 20, 21, 90, 91])
+    people = (Person(1.0, 0.1, 1, 1, 2),)
+    followed = follow(people, at, np.ones(6, bool), beam, 2, 10.0)
+    assert Person(1.0, pytest.approx(2.01), 2, 2, 1) in followed
+    assert len(followed) == 2
+
+
+def test_of_a_crowd_those_who_moved_last_are_kept() -> None:
+    at = np.array([[50.0, 0.0], [50.0, 0.02]])
+    crowd = tuple(Person(float(n), 9.0, 0, 0, 2) for n in range(12))
+    followed = follow(crowd, at, np.ones(2, bool), np.arange(2), 1, 10.0)
+    assert len(followed) == 12
+    assert followed[0].x == 50.0
+
+
 def test_returns_beside_each_other_are_one_thing() -> None:
     points = np.array([[1.0, 0.0], [1.0, 0.02], [1.0, 0.04], [1.3, 0.05], [1.3, 0.07], [1.3, 0.5]])
     beam = np.array([0, 1, 2, 3, 4, 9])
     assert [thing.tolist() for thing in things(points, beam)] == [[0, 1, 2], [3, 4], [5]]
     assert things(points[:0], beam[:0]) == []
+    slanted = np.array([[1.0, 0.0], [1.2, 0.02]])
+    assert [len(thing) for thing in things(slanted, np.array([0, 1]))] == [1, 1]
+    assert [len(thing) for thing in things(slanted, np.array([0, 4]))] == [2]
     assert [len(thing) for thing in things(points[:2], np.array([0, 4]))] == [2]
     assert [len(thing) for thing in things(points[:2], np.array([0, 5]))] == [1, 1]
 
@@ -214,8 +241,22 @@ def test_single_returns_do_not_move_and_neither_does_everything_at_once() -> Non
     two = np.array([[1.0, 0.0], [1.0, 0.02], [1.0, -1.0], [3.2, 0.0]])
     assert moving([past], two, np.array([0, 1, 200, 300]), 0.0).tolist() == [True, True, False, False]
     assert not moving([], two, np.array([0, 1, 200, 300]), 0.0).any()
+    assert moving([past], two[[0, 1, 3]], np.array([0, 1, 300]), 0.0).tolist() == [True, True, False]
+    assert moving([past], one, np.array([0, 100, 200]), 0.0).dtype == bool
+    assert moving([past], one[:1], np.array([0]), 0.0).dtype == bool
     many = np.column_stack((np.full(41, 1.0), np.linspace(-0.4, 0.4, 41)))
     assert not moving([past], many, np.arange(41), 0.0).any()
     assert moving([past], many[:40], np.arange(40), 0.0).all()
     half = np.concatenate((many[:20], np.column_stack((np.full(21, 3.3), np.linspace(-0.4, 0.4, 21)))))
     assert moving([past], half, np.arange(41), 0.0).sum() == 20
+    assert moving([past], np.concatenate((many[:21], half[20:])), np.arange(42), 0.0).sum() == 21
+
+
+def test_what_a_turning_robot_may_have_mistaken_for_free_does_not_move() -> None:
+    ranges = np.full(811, 3.0)
+    ranges[405] = 1.0
+    past = look(around(scan(ranges)), Pose2(), 0.0)
+    angles = 0.035 + np.array([0.009, 0.012])
+    beside = np.column_stack((0.2 + 2 * np.cos(angles), 2 * np.sin(angles)))
+    assert moving([past], beside, np.arange(2), 0.0).all()
+    assert not moving([past], beside, np.arange(2), 0.8).any()

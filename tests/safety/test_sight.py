@@ -29,12 +29,15 @@ def free(
 
 def test_places_turn_with_the_pose() -> None:
     assert place_of(Pose2(1.0, 2.0, math.pi / 2), (0.2, 0.1)) == pytest.approx((0.9, 2.2))
+    assert place_of(Pose2(1.0, 2.0, 0.0), (0.2, 0.1)) == pytest.approx((1.2, 2.1))
 
 
 def test_the_step_between_beams_is_signed_and_survives_the_seam() -> None:
     assert beam_step(around(scan())) == pytest.approx(STEP)
     assert beam_step(look_around(scan(), LidarMount(upside_down=True))) == pytest.approx(-STEP)
     assert beam_step(look_around(scan(), LidarMount(yaw=2.5))) == pytest.approx(STEP)
+    two = LidarScan(0, np.ones(2, np.float32), YAW[404:406], 0, 0, 0)
+    assert beam_step(look_around(two, LidarMount())) == pytest.approx(STEP, rel=1e-3)
     one = LidarScan(0, np.ones(1, np.float32), YAW[:1], 0, 0, 0)
     assert beam_step(look_around(one, LidarMount())) == 0.0
 
@@ -76,6 +79,8 @@ def test_a_thing_shadows_all_directions_that_might_be_its_own() -> None:
     assert free(ranges, (0.2 + 2 * math.cos(narrow), 2 * math.sin(narrow))) == [False]
     assert free(ranges, (0.2 + 2 * math.cos(wide), 2 * math.sin(wide))) == [True]
     assert free(ranges, (0.2 + 2 * math.cos(wide), -2 * math.sin(wide)), turning=-0.8) == [False]
+    inside = ASTRAY + 0.8 * 0.025 - 0.5 * STEP
+    assert free(ranges, (0.2 + 2 * math.cos(inside), 2 * math.sin(inside)), turning=0.8) == [False]
     wider = wide + 0.8 * 0.025
     assert free(ranges, (0.2 + 2 * math.cos(wider), 2 * math.sin(wider)), turning=0.8) == [True]
 
@@ -84,6 +89,8 @@ def test_points_measured_while_turning_have_to_be_free_on_both_sides() -> None:
     ranges = np.full(811, 3.0)
     ranges[405] = 1.0
     past = look(around(scan(ranges)), Pose2(), 0.0)
+    limit = ASTRAY + 0.8 * 0.025 - 0.5 * STEP
+    assert not seen_free([past], np.array([[0.2 + 2 * math.cos(limit), 2 * math.sin(limit)]]), turning=0.8).any()
     angle = ASTRAY + 1.5 * STEP
     for side in (1, -1):
         at = np.array([[0.2 + 2 * math.cos(angle), side * 2 * math.sin(angle)]])
@@ -104,6 +111,8 @@ def test_scans_of_any_length_are_asked_at_once() -> None:
         [True, False, False],
         [True, True, True],
     ]
+    empty = look(look_around(LidarScan(0, YAW[:0], YAW[:0], 0, 0, 0), LidarMount()), Pose2(), 0.0)
+    assert seen_free([empty], at).shape == (0, 3)
     assert seen_free([], at).shape == (0, 3)
     assert seen_free([none], at).shape == (0, 3)
     assert seen_free([whole], at[:0]).shape == (0, 0)

@@ -45,11 +45,27 @@ def test_a_scan_of_a_few_beams_is_none(beams: int, fault: str) -> None:
 @pytest.mark.parametrize(("beams", "dirty"), [(24, False), (25, True)])
 def test_returns_from_inside_the_outline_are_dirt_on_the_window(beams: int, dirty: bool) -> None:
     near = around(scan(ranges(3.0, **{f"at_400_{beams}": 0.1})))
-    assert ("window dirty" in scan_fault(near, ROUND)) is dirty
+    said = "lidar sees something on the robot itself: is its window dirty?" if dirty else ""
+    assert scan_fault(near, ROUND) == said
+    assert scan_fault(near, (*ROUND, Disc(-0.5, 0.0, 0.3))) == said
+    assert scan_fault(near, (Disc(0.3, 0.2, 0.4),)) == said
+    assert scan_fault(near, (Disc(0.3, 0.5, 0.4),)) == ""
     assert scan_fault(around(scan(ranges(3.0, at_400_100=0.16))), ROUND) == ""  # within 5 cm of the rim
     assert scan_fault(near, (Disc(-0.5, 0.0, 0.3),)) == ""
     assert ("window dirty" in scan_fault(near, (Disc(-0.5, 0.0, 0.3), *ROUND))) is dirty
     assert scan_fault(near, (Disc(0.3, 0.0, 0.04),)) == ""
+
+
+def test_shares_are_counted_to_the_beam() -> None:
+    yaw = np.linspace(-0.8, 0.8, 100).astype(np.float32)
+    seen = np.full(100, np.nan, np.float32)
+    seen[:5] = 3.0
+    assert scan_fault(look_around(LidarScan(0, seen, yaw, 0, 0, 0), LidarMount()), ROUND) == ""
+    seen[:] = 3.0
+    seen[50:53] = 0.1
+    assert scan_fault(look_around(LidarScan(0, seen, yaw, 0, 0, 0), LidarMount()), ROUND) == ""
+    values = ranges(np.nan, at_0_150=2.0, at_661_150=2.0, at_400_15=2.0)
+    assert blind_ahead(around(scan(values))) == ""
 
 
 def test_a_scan_that_looks_elsewhere_says_nothing_about_the_way_ahead() -> None:

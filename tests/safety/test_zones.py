@@ -68,6 +68,11 @@ def test_the_formulas_are_each_others_inverse() -> None:
     assert approachable(-5.0, 0.5, 0.25, 1.2) == pytest.approx(0.0, abs=1e-12)
 
 
+def test_who_brakes_harder_needs_less() -> None:
+    assert stopping_m(0.5, 1.0, 0.2) == pytest.approx(0.1 + 0.125)
+    assert stoppable(0.225, 1.0, 0.2) == pytest.approx(0.5)
+
+
 def test_slowing_down_to_a_pace_needs_the_difference_only() -> None:
     assert stoppable(0.0, 0.5, 0.25, 0.3) == pytest.approx(0.3)
     room_m = (0.5 - 0.3) * 0.25 + (0.5**2 - 0.3**2) / 1.0
@@ -161,6 +166,16 @@ def test_slowing_down_keeps_the_turn_that_leads_around() -> None:
     assert twist.w == 0.5
     twist, _ = limit(things((0.75, 0.1)), Twist(0.5, 0.5), LIMITS, STILL)
     assert 0 < twist.v < 0.5
+
+
+def test_where_the_tighter_arc_is_not_free_the_same_arc_is_driven_more_slowly() -> None:
+    wanted = Twist(0.4, 0.2)
+    twist, verdict = limit(things((0.6, 0.08)), wanted, LIMITS, STILL)
+    assert verdict.share == pytest.approx(0.403, abs=1e-3)
+    assert (twist.v, twist.w) == pytest.approx((verdict.share * 0.4, verdict.share * 0.2))
+    slower, _ = limit(wall(0.3), Twist(0.5, 0.1), LIMITS, STILL)
+    assert 0.0 < slower.v < 0.5
+    assert slower.w == 0.1
 
 
 def test_once_stopped_the_robot_starts_again_only_when_it_gets_somewhere() -> None:
@@ -287,6 +302,8 @@ def test_a_disc_around_the_origin_brakes_as_the_drive_does_however_it_turns() ->
 def test_the_slowest_motion_that_counts_is_kept_away_from_people() -> None:
     assert judge(walking((1.5, 0.0)), Twist(1e-4, 0.0), LIMITS, STILL).share < math.inf
     assert judge(walking((1.5, 0.0)), Twist(9e-5, 0.0), LIMITS, STILL).share == math.inf
+    assert judge(things((0.5, 0.0)), Twist(1e-4, 0.0), LIMITS, STILL).share < math.inf
+    assert judge(things((0.5, 0.0)), Twist(9e-5, 0.0), LIMITS, STILL).share == math.inf
 
 
 @pytest.mark.parametrize("turn", [1.0, -1.0])
