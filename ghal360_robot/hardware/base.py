@@ -7,9 +7,7 @@ import logging
 from contextlib import AsyncExitStack
 from typing import TYPE_CHECKING, Any
 
-from drivers.rmp110.codec.dialect import Dialect
 from drivers.rmp110.codec.parameters import RMP110_STORED, ModeRequest, OperationalState
-from drivers.rmp110.codec.whitelist import forbidden, guard
 from drivers.rmp110.device.config import Rmp110Config
 from drivers.rmp110.device.rmp110 import STANDBY, TRACTOR, Rmp110
 from drivers.rmp110.device.state import LinkState
@@ -135,8 +133,7 @@ def transport(config: Rmp110Section) -> Transport:
     if config.protocol == "v3-usb":
         return SerialTransport(config.device)
     options: dict[str, Any] = {"host": config.host, "port": config.port} if config.host else {}
-    allowed = guard(Dialect.B1) if config.dialect == "b1" else forbidden
-    return CanTransport(config.interface, config.channel, guard=allowed, **options)
+    return CanTransport(config.interface, config.channel, **options)
 
 
 def driver_config(config: Rmp110Section, safety: SafetySection) -> Rmp110Config:

@@ -15,6 +15,7 @@ from drivers.rmp110.codec.fault_log import PACKET_WORDS, PACKETS, FaultLog, deco
 from drivers.rmp110.codec.frames import FEEDBACK_ID, Frame
 from drivers.rmp110.codec.parameters import OperationalState, Stored
 from drivers.rmp110.codec.vocabulary import B1, B2, B3, VOCABULARIES, Vocabulary
+from drivers.rmp110.codec.whitelist import guard
 from drivers.rmp110.device.config import Rmp110Config
 from drivers.rmp110.device.inquiry import Reply, ask
 from drivers.rmp110.device.judgement import Unwritten, check_plausible, judge
@@ -60,6 +61,7 @@ async def identify(link: Link, config: Rmp110Config, enter: Callable[[LinkState]
     Raises RmpSilent, RmpUnsupported, RmpLinkError (RmpForeignCommands where somebody else drives).
     """
     books = CANDIDATES[config.dialect]
+    link.allow(guard(books[0].dialect))
     enter(LinkState.PROBING)
     await _listen(link)
     reply = await probe(link)
@@ -70,6 +72,7 @@ async def identify(link: Link, config: Rmp110Config, enter: Callable[[LinkState]
         raise RmpUnsupported(NOT_B1.format(frames, longest_b1))
     enter(LinkState.IDENTIFYING)
     book, stored = await read_stored(link, books)
+    link.allow(guard(book.dialect))
     values = await read_values(link, book, stored)
     fault_log = await read_fault_log(link, book) if config.read_fault_log else None
     firmware = _firmware(values, fault_log)

@@ -12,7 +12,7 @@ from typing import Literal
 from drivers.rmp110.codec.frames import CONFIG_ID, MOTION_ID, Frame
 from drivers.rmp110.codec.v3.packets import POWERING_DOWN
 from drivers.rmp110.errors import RmpError, RmpForeignCommands, RmpLinkError, RmpPoweringDown, RmpSendDropped
-from drivers.rmp110.transport.base import Transport
+from drivers.rmp110.transport.base import Guard, Guarded, Transport
 
 log = logging.getLogger(__name__)
 
@@ -62,6 +62,11 @@ class Link:
     async def close(self) -> None:
         self.consumer = _ignore
         await self._transport.close()
+
+    def allow(self, guard: Guard) -> None:
+        """From now on only what this lets pass may leave, where the transport carries several dialects."""
+        if isinstance(self._transport, Guarded):
+            self._transport.guard = guard
 
     @property
     def damaged(self) -> int:

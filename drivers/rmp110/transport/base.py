@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from drivers.rmp110.codec.frames import Frame
 
@@ -47,6 +47,13 @@ class TransportStats:
     overflowed: int = 0
     """Received frames lost because the event loop did not keep up; also part of `damaged`."""
     errors: BusErrors = field(default_factory=BusErrors)
+
+
+@runtime_checkable
+class Guarded(Protocol):
+    """A transport that carries more than one dialect: whoever knows which one says what may leave."""
+
+    guard: Guard
 
 
 class Transport(Protocol):

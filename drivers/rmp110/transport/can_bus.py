@@ -37,7 +37,8 @@ class CanTransport:
 
     With `exclusive` nobody else who asks for the same bus gets it, on this machine; `lock_dir` says where the
     lock files are (see `bus_lock`). `on_warning` is told, in the event loop, when the bus works and is in trouble;
-    without one that goes to the log. `guard` has the last word on every frame; only dialect B1 needs another one.
+    without one that goes to the log. `guard` has the last word on every frame; the driver
+    sets that of the dialect it finds.
 
     A socketcan interface keeps up to `txqueuelen` frames while nobody acknowledges, and sends them once somebody
     does. It comes with ten; leave it at that.
@@ -59,7 +60,7 @@ class CanTransport:
         self._exclusive = exclusive
         self._lock_dir = lock_dir
         self._on_warning = on_warning
-        self._guard = guard
+        self.guard = guard
         self._options = options
         self._sending = threading.Lock()
         self._bus: can.BusABC | None = None
@@ -106,7 +107,7 @@ class CanTransport:
 
     def send(self, frame: Frame) -> None:
         """See `Transport.send`; from any thread, and never longer than the kernel needs to take or refuse a frame."""
-        reason = self._guard(frame)
+        reason = self.guard(frame)
         if reason is not None:
             raise RmpForbiddenFrame(f"stopped right before the wire: {reason}")
         if self._unheard and frame.can_id == MOTION_ID and any(frame.data):

@@ -14,6 +14,7 @@ from drivers.rmp110.codec.frames import CONFIG_ID, Frame, unpack_words
 from drivers.rmp110.codec.parameters import OperationalState
 from drivers.rmp110.codec.vocabulary import B3
 from drivers.rmp110.errors import RmpNotIdentified, RmpTimeout
+from drivers.rmp110.transport.base import Guarded
 from tests.drivers.rmp110.virtual_rig import (
     CONFIG,
     READY_S,
@@ -46,7 +47,7 @@ async def test_dialect_b3_is_identified_and_driven(dialect: str) -> None:
 
 @virtual_time
 async def test_a_base_that_looks_like_b1_is_not_asked_what_it_may_not_know() -> None:
-    async with rig(dialect=Dialect.B1, guard=Dialect.B1, compact=False) as it, it.device() as base:
+    async with rig(dialect=Dialect.B1, compact=False) as it, it.device() as base:
         with pytest.raises(RmpTimeout, match="looks like one of dialect B1"):
             await base.ready(2.0)
         assert isinstance(base.refusal(), RmpNotIdentified)
@@ -57,7 +58,7 @@ async def test_a_base_that_looks_like_b1_is_not_asked_what_it_may_not_know() -> 
 @virtual_time
 async def test_dialect_b1_is_driven_where_it_was_named() -> None:
     async with (
-        rig(dialect=Dialect.B1, guard=Dialect.B1, compact=False) as it,
+        rig(dialect=Dialect.B1, compact=False) as it,
         it.device(named("b1")) as base,
     ):
         identity = await base.ready(READY_S)
@@ -66,6 +67,9 @@ async def test_dialect_b1_is_driven_where_it_was_named() -> None:
         await base.request_mode(TRACTOR)
         await drive(base, 0.2, -0.3, 0.5)
         assert it.model.twist == pytest.approx((0.2, -0.3), abs=0.01)
+        transport = base._link._transport  # type: ignore[union-attr]
+        assert isinstance(transport, Guarded)
+        assert transport.guard(B3.act(Action.MODE_REQUEST, TRACTOR)), "another dialect's numbers mean something else"
         await base.request_mode(STANDBY)
         asked = {unpack_words(data)[0] for data in it.sent(CONFIG_ID)}
         assert asked <= {0x0, 0x10, 0x11, 0x12, 0x13, 0x15}
@@ -87,7 +91,7 @@ async def test_another_dialect_than_the_configured_one_is_named(
 
 @virtual_time
 async def test_a_b2_base_taken_for_b1_is_refused() -> None:
-    async with rig(guard=Dialect.B1) as it, it.device(named("b1")) as base:
+    async with rig() as it, it.device(named("b1")) as base:
         with pytest.raises(RmpTimeout, match="expected was dialect B1"):
             await base.ready(2.0)
         assert it.sent(0x500) == []
@@ -95,7 +99,7 @@ async def test_a_b2_base_taken_for_b1_is_refused() -> None:
 
 @virtual_time
 async def test_a_b2_base_taken_for_b1_keeps_its_feedback_set() -> None:
-    async with rig(guard=Dialect.B1, compact=False) as it, it.device(named("b1")) as base:
+    async with rig(compact=False) as it, it.device(named("b1")) as base:
         before = it.model.stored.bitmaps
         with pytest.raises(RmpTimeout, match="not one of dialect B1"):
             await base.ready(2.0)

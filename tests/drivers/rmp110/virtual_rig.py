@@ -20,6 +20,7 @@ from drivers.rmp110.codec.whitelist import forbidden
 from drivers.rmp110.device.watchdog import Watchdog
 from drivers.rmp110.errors import RmpForbiddenFrame
 from drivers.rmp110.simulator.model import RmpModel
+from drivers.rmp110.transport.base import Guard
 from tests.virtual_time.clock import Clock, VirtualLoop, run
 from tests.virtual_time.wire import OnWire, VirtualBus, VirtualTransport
 
@@ -62,12 +63,12 @@ async def drive(base: Rmp110, v: float, w: float, seconds: float) -> None:
 class GuardedTransport(VirtualTransport):
     """With the whitelist that a real one has."""
 
-    def __init__(self, bus: VirtualBus, dialect: Dialect) -> None:
+    def __init__(self, bus: VirtualBus) -> None:
         super().__init__(bus)
-        self._dialect = dialect
+        self.guard: Guard = forbidden
 
     def send(self, frame: Frame) -> None:
-        reason = forbidden(frame, self._dialect)
+        reason = self.guard(frame)
         if reason:
             raise RmpForbiddenFrame(reason)
         super().send(frame)
@@ -78,13 +79,10 @@ class Rig:
     """A base on a bus of one's own; `wire` is what really was on it."""
 
     bus: VirtualBus
-    guard: Dialect
     wire: list[OnWire]
 
     def device(self, config: Rmp110Config = CONFIG, hook: Any = None) -> Rmp110:
-        return Rmp110(
-            lambda: GuardedTransport(self.bus, self.guard), config, hook, clock=clock().read, watchdog=Watchdog
-        )
+        return Rmp110(lambda: GuardedTransport(self.bus), config, hook, clock=clock().read, watchdog=Watchdog)
 
     @property
     def model(self) -> RmpModel:
@@ -108,7 +106,6 @@ async def rig(
     compact: bool = True,
     boot_s: float = 0.0,
     dialect: Dialect = Dialect.B2,
-    guard: Dialect = Dialect.B2,
 ) -> AsyncIterator[Rig]:
     book = VOCABULARIES[dialect]
     bitmaps = book.compact_bitmaps if compact else book.factory_bitmaps
@@ -117,4 +114,4 @@ async def rig(
     words = Stored.of({n: v for n, v in values.items() if n in known}, parameters=book.parameters)
     wire: list[OnWire] = []
     model = RmpModel(clock().now_ns, words, boot_s=boot_s, dialect=dialect)
-    yield Rig(VirtualBus(clock(), model, wire.append), guard, wire)
+    yield Rig(VirtualBus(clock(), model, wire.append), wire)
