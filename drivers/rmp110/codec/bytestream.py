@@ -48,13 +48,6 @@ def pack_feedback(words: Sequence[int], order: str = ">") -> bytes:
     return body + struct.pack(">H", crc16(body))
 
 
-def unpack_feedback(packet: bytes) -> tuple[int, ...] | None:
-    """The words of a big-endian feedback packet; None where length or CRC is wrong."""
-    if len(packet) < 8 or len(packet) % 4 or not crc_fits(packet):
-        return None
-    return struct.unpack(f">{len(packet) // 4 - 1}I", packet[:-4])
-
-
 def crc_fits(packet: bytes) -> bool:
     """Whether the last two bytes are the CRC of all before them."""
     return crc16(packet[:-2]) == int.from_bytes(packet[-2:], "big")

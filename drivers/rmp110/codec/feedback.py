@@ -18,9 +18,6 @@ FACTORY_BITMAPS = (0xFFFFFFFF, 0xFFFFFFFF, 0xFFFFFFFF, 0)
 MAX_FRAMES = 48
 """All words on; no reply of any dialect is longer."""
 
-CONFIG_REPLY_FRAMES = {10: Dialect.B2, 11: Dialect.B3}
-"""Frames in a reply to B2's and B3's forced configuration feedback; no other dialect knows that number."""
-
 
 @dataclass(frozen=True, slots=True)
 class Layout:

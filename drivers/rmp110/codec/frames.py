@@ -9,7 +9,6 @@ MOTION_ID = 0x500
 CONFIG_ID = 0x501
 FEEDBACK_ID = 0x502
 """First feedback frame; frame k of a packet has id 0x502 + k."""
-COMMAND_IDS = (MOTION_ID, CONFIG_ID)
 FILTER_ID, FILTER_MASK = 0x500, 0x780
 """Receive filter: 0x500..0x57F, standard ids only."""
 

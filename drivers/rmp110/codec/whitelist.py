@@ -21,12 +21,10 @@ Check = Callable[[int], bool]
 ACTIONS: Mapping[Action, Check] = {
     Action.NONE: lambda word: word == 0,
     Action.FORCE_CONFIG_FEEDBACK: lambda word: word in (0, 1),
-    Action.AUDIO: lambda word: word <= 16,
     Action.MODE_REQUEST: lambda word: word in (ModeRequest.STANDBY, ModeRequest.TRACTOR),
     Action.FAULT_LOG: lambda word: word in (0, 1),
-    Action.RESET_INTEGRATORS: lambda word: word <= 0x1F,
 }
-"""Resetting parameters and unsolicited data are not for routine use."""
+"""What the driver says, and nothing else."""
 
 RANGED = (
     "max_velocity",

@@ -131,7 +131,7 @@ def test_routine_frames_pass(frame: Frame) -> None:
     "frame",
     [
         *(request_mode(m) for m in (ModeRequest.DISABLE, ModeRequest.POWERDOWN, ModeRequest.DTZ, ModeRequest.BALANCE)),
-        *(configure(n, 1) for n in (13, 14, 15, 16, 35, 36, 99)),
+        *(configure(n, 1) for n in (13, 14, 15, 16, 31, 34, 35, 36, 99)),
         configure(1, 8.1),
         configure(1, math.nan),
         configure(12, 0x8),

@@ -229,7 +229,6 @@ def test_a_fault_log_is_taken_when_it_was_asked_for() -> None:
         continuous_data(on=True),
         general(General.NONE),
         general(General.FAULT_LOG),
-        torque_limit(1.0),
         machine_config(RMP110_STORED_V3.with_values({"input_bitmap": 0})),
     ],
 )
@@ -242,8 +241,9 @@ def test_routine_frames_pass(frame: Frame) -> None:
     [
         *(request_mode(m) for m in (ModeRequest.DISABLE, ModeRequest.POWERDOWN, ModeRequest.DTZ, ModeRequest.BALANCE)),
         general(General.RESET_PARAMETERS),
-        general(General.AUDIO, 17),
-        torque_limit(math.nan),
+        general(General.AUDIO, 1),
+        general(General.RESET_INTEGRATORS, 0x1F),
+        torque_limit(1.0),
         machine_config(RMP110_STORED_V3),
         machine_config(RMP110_STORED_V3.with_values({"input_bitmap": 0, "max_velocity": 8.1})),
         Frame(ETHERNET_ID, bytes(16)),

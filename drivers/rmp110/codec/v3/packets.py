@@ -32,8 +32,6 @@ RMP110 = 8
 MACHINES = {1: "RMP 440", 2: "RMP 220", 5: "RMP 210", 6: "RMP OMNI", RMP110: "RMP 110"}
 """Low five bits of the machine id."""
 MACHINE_MASK = 0x1F
-EXTRAS = {0x20: "external IMU", 0x40: "brakes", 0x80: "balance sensor"}
-"""Further bits of the machine id."""
 
 
 def parse_packet(packet: bytes) -> Frame | None:

@@ -6,7 +6,7 @@ import math
 import struct
 from collections.abc import Callable, Mapping
 
-from drivers.rmp110.codec.frames import Frame, word_to_float
+from drivers.rmp110.codec.frames import Frame
 from drivers.rmp110.codec.parameters import InputBits, ModeRequest
 from drivers.rmp110.codec.v3.commands import CONFIG_ID, GENERAL_ID, MOTION_ID, General
 from drivers.rmp110.codec.v3.words import CONFIG_WORDS, PARAMETERS
@@ -19,12 +19,9 @@ MOTION_BYTES, GENERAL_BYTES, CONFIG_BYTES = 12, 8, 4 * CONFIG_WORDS
 
 _GENERAL: Mapping[int, Callable[[int], bool]] = {
     General.NONE: lambda word: word == 0,
-    General.AUDIO: lambda word: word <= 16,
     General.MODE_REQUEST: lambda word: word in (ModeRequest.STANDBY, ModeRequest.TRACTOR),
     General.FAULT_LOG: lambda word: word == 0,
-    General.RESET_INTEGRATORS: lambda word: word <= 0x1F,
     General.CONTINUOUS_DATA: lambda word: word in (0, 1),
-    General.TORQUE_LIMIT: lambda word: 0.0 <= word_to_float(word) <= 1.0,
 }
 
 
