@@ -28,8 +28,3 @@ POLL = configure(Number.NONE)
 def request_mode(mode: ModeRequest) -> Frame:
     """Ask for a mode; the base reports it 40 to 50 ms later."""
     return configure(Number.MODE_REQUEST, mode)
-
-
-def force_config_feedback(on: bool) -> Frame:
-    """Replies become the stored parameters in command order, until switched off."""
-    return configure(Number.FORCE_CONFIG_FEEDBACK, int(on))

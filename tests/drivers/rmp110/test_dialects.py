@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.rmp110.codec.commands import POLL, configure, force_config_feedback, request_mode
+from drivers.rmp110.codec.commands import POLL, configure, request_mode
 from drivers.rmp110.codec.dialect import Action, Dialect
 from drivers.rmp110.codec.frames import CONFIG_ID, Frame, unpack_words
 from drivers.rmp110.codec.parameters import RMP110_STORED, ModeRequest, Stored
@@ -78,7 +78,7 @@ def test_a_word_stands_where_the_sheet_has_it(book: Vocabulary, name: str, where
 
 def test_b2_by_its_table_is_b2_by_its_functions() -> None:
     assert B2.act(Action.NONE) == POLL
-    assert B2.act(Action.FORCE_CONFIG_FEEDBACK, 1) == force_config_feedback(on=True)
+    assert B2.act(Action.FORCE_CONFIG_FEEDBACK, 1) == configure(30, 1)
     assert B2.act(Action.MODE_REQUEST, ModeRequest.TRACTOR) == request_mode(ModeRequest.TRACTOR)
     assert B2.store("track_width", 0.481224) == configure(10, 0.481224)
     assert B3.store("lateral_accel", 4.905).data == bytes.fromhex("00000015 409CF5C3")

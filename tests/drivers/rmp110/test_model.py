@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.rmp110.codec.commands import POLL, ZERO_MOTION, configure, force_config_feedback, motion, request_mode
+from drivers.rmp110.codec.commands import POLL, ZERO_MOTION, configure, motion, request_mode
 from drivers.rmp110.codec.dialect import Action, Dialect
 from drivers.rmp110.codec.fault_log import FAULT_LOG_WORDS, decode_fault_log
 from drivers.rmp110.codec.feedback import COMPACT_BITMAPS
 from drivers.rmp110.codec.frames import CONFIG_ID, MOTION_ID, Frame, float_to_word, unpack_words
 from drivers.rmp110.codec.parameters import RMP110_STORED, ModeRequest, OperationalState, Stored
-from drivers.rmp110.codec.vocabulary import B1, B3, VOCABULARIES
+from drivers.rmp110.codec.vocabulary import B1, B2, B3, VOCABULARIES
 from drivers.rmp110.simulator.dynamics import DT, TRACTION_MPS2
 from drivers.rmp110.simulator.model import RmpModel
 from drivers.rmp110.simulator.unknowns import Unknowns
@@ -215,13 +215,13 @@ def test_forced_configuration_replies_are_the_stored_words_even_with_feedback_of
     off = Stored.of({**RMP110_STORED, **{f"feedback_bitmap_{n}": 0 for n in (1, 2, 3)}})
     bench = Bench(stored=off)
     assert bench.send(POLL) == ()
-    replies = bench.send(force_config_feedback(on=True))
+    replies = bench.send(B2.act(Action.FORCE_CONFIG_FEEDBACK, 1))
     assert tuple(word for reply in replies for word in unpack_words(reply.data)) == off.words
-    assert bench.send(force_config_feedback(on=False)) == ()
+    assert bench.send(B2.act(Action.FORCE_CONFIG_FEEDBACK, 0)) == ()
 
 
 def test_dialect_b3_answers_one_frame_more() -> None:
-    replies = Bench(dialect=Dialect.B3).send(force_config_feedback(on=True))
+    replies = Bench(dialect=Dialect.B3).send(B2.act(Action.FORCE_CONFIG_FEEDBACK, 1))
     assert len(replies) == 11
     assert unpack_words(replies[-1].data) == (float_to_word(4.905), 0)
 
@@ -316,7 +316,7 @@ def test_every_dialect_is_found_driven_and_read_by_its_own_tables(dialect: Diale
 
 def test_the_numbers_of_another_dialect_are_misunderstood() -> None:
     bench = Bench(dialect=Dialect.B1)
-    bench.send(force_config_feedback(on=True))
+    bench.send(B2.act(Action.FORCE_CONFIG_FEEDBACK, 1))
     assert bench.model.fault_words[1] == 0x20, "B2's command 30 latches a fault in B1"
     bench = Bench()
     before = bench.model.stored
@@ -585,7 +585,7 @@ def test_switching_off_unasked_ends_after_a_second(bench: Bench) -> None:
 def test_a_watchdog_reset_is_in_standby_at_once_and_remembers_nothing(bench: Bench) -> None:
     bench.tractor()
     bench.drive(1.0, 0.0, 1.0)
-    bench.send(force_config_feedback(on=True))
+    bench.send(B2.act(Action.FORCE_CONFIG_FEEDBACK, 1))
     bench.model.restart(bench.now_ns)
     seen = bench.read()
     assert (seen["operational_state"], seen["vel_limit_mps"], seen["right_front_pos_m"]) == (3, 0.0, 12.75)

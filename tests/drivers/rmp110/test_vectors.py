@@ -6,7 +6,8 @@ import pytest
 
 from drivers.rmp110.codec.assembler import Assembler, ReplyCollector
 from drivers.rmp110.codec.bytestream import crc16, pack_command, pack_feedback
-from drivers.rmp110.codec.commands import POLL, configure, force_config_feedback, motion, request_mode
+from drivers.rmp110.codec.commands import POLL, configure, motion, request_mode
+from drivers.rmp110.codec.dialect import Action
 from drivers.rmp110.codec.feedback import COMPACT, split_frames
 from drivers.rmp110.codec.frames import Frame, float_to_word
 from drivers.rmp110.codec.motion import MotionScale, normalise
@@ -50,8 +51,8 @@ COMMANDS = [
     (configure(19, 0x0), "501", "00 00 00 13 00 00 00 00", "05 01 00 00 00 13 00 00 00 00 43 98"),
     (configure(20, 0x0), "501", "00 00 00 14 00 00 00 00", "05 01 00 00 00 14 00 00 00 00 83 2D"),
     (configure(21, float_to_word(4.905)), "501", "00 00 00 15 40 9C F5 C3", "05 01 00 00 00 15 40 9C F5 C3 AC C2"),
-    (force_config_feedback(on=True), "501", "00 00 00 1E 00 00 00 01", "05 01 00 00 00 1E 00 00 00 01 42 74"),
-    (force_config_feedback(on=False), "501", "00 00 00 1E 00 00 00 00", "05 01 00 00 00 1E 00 00 00 00 82 B5"),
+    (B2.act(Action.FORCE_CONFIG_FEEDBACK, 1), "501", "00 00 00 1E 00 00 00 01", "05 01 00 00 00 1E 00 00 00 01 42 74"),
+    (B2.act(Action.FORCE_CONFIG_FEEDBACK, 0), "501", "00 00 00 1E 00 00 00 00", "05 01 00 00 00 1E 00 00 00 00 82 B5"),
     (configure(31, 0xF), "501", "00 00 00 1F 00 00 00 0F", "05 01 00 00 00 1F 00 00 00 0F 46 C8"),
     (request_mode(ModeRequest.DISABLE), "501", "00 00 00 20 00 00 00 01", "05 01 00 00 00 20 00 00 00 01 87 5D"),
     (request_mode(ModeRequest.POWERDOWN), "501", "00 00 00 20 00 00 00 02", "05 01 00 00 00 20 00 00 00 02 86 1D"),
