@@ -154,7 +154,7 @@ class SafetySection(_Section):
     slow_max: float = Field(0.3, gt=0, le=1.5, description="m/s past such things")
     person_margin_m: float = Field(0.25, ge=0.0, le=1.0, description="A body reaches this far beyond its legs")
     person_speed: float = Field(1.2, ge=0.0, le=2.0, description="m/s at which people may walk up to the robot")
-    person_memory_s: Seconds = Field(10.0, description="Who moved so lately may walk on at any time")
+    person_memory_s: Seconds = Field(30.0, description="Who moved so lately may walk on at any time")
     ground_memory_s: Seconds = Field(5.0, description="Ground seen or driven over so lately may be backed onto")
     reaction_s: float = Field(0.25, gt=0, le=2.0, description="Scan, one missed scan, processing, bus, base")
     operator_hold_s: Seconds = Field(0.2, description="Operator silent this long: zero on the wire")

@@ -80,7 +80,7 @@ class BaseState:
     covariance: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     """Of `pose` since connection: xx, xy, x yaw, yy, y yaw, yaw yaw (m^2, m rad, rad^2)."""
     warnings: tuple[str, ...] = ()
-    """What is odd about its motion, in words: a wheel slips, the base does not follow its commands."""
+    """What its wheels do that they were not told to, in words: one slips, stands, or turns by itself."""
 
 
 @dataclass(frozen=True, slots=True)

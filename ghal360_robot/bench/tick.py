@@ -147,7 +147,7 @@ class Decoder:
             speeds_mps=(values["right_front_vel_mps"], values["left_front_vel_mps"]),
         )
         self._slip = self._slip.step(values)
-        return read_state(report.first_ns, values, self._odometry, self.identity, self._track_m, self._slip.warnings)
+        return read_state(report.first_ns, values, self._odometry, self.identity, self._track_m, self._slip)
 
 
 def encode(twist: Twist, language: Language) -> Frame:

@@ -63,6 +63,7 @@ class BaseOutput:
         self._mode_change: asyncio.Task[None] | None = None
         self._asked_ns = 0
         self._said = ""
+        self._warned: set[str] = set()
 
     async def enter(self, stack: AsyncExitStack) -> None:
         await stack.enter_async_context(self._base)
@@ -73,6 +74,9 @@ class BaseOutput:
             message = base_state(state)
             self._board.put_base(message)
             self._recorder.base_state(message)
+            for sentence in set(state.warnings) - self._warned:
+                logger.warning("base: %s", sentence)
+            self._warned = set(state.warnings)
 
     def apply(self, applied: Applied) -> None:
         """Send one motion command where the base may be driven, and keep its mode what arming asks for."""
@@ -169,5 +173,5 @@ def base_state(state: State) -> BaseState:
         faults=(state.trouble,) if state.trouble else (),
         temperature_degc=state.temperature_degc,
         covariance=state.covariance,
-        warnings=state.warnings,
+        warnings=state.slipping,
     )

@@ -35,7 +35,7 @@ class SafetyLimits:
     slow_max: float = 0.3
     person_margin_m: float = 0.25
     person_speed: float = 1.2
-    person_memory_s: float = 10.0
+    person_memory_s: float = 30.0
     ground_memory_s: float = 5.0
     reaction_s: float = 0.25
     tick_gap_s: float = GAP_S

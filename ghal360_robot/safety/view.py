@@ -27,7 +27,7 @@ AHEAD = math.radians(50)
 BLOCKED_SHARE = 0.05
 """A lidar that gets less than this share of its beams back is covered, or faces 25 m of nothing."""
 
-LEAST_BEAMS, COARSE = 16, math.radians(1.0)
+LEAST_BEAMS, COARSE = 16, math.radians(1.05)
 """Fewer beams, or beams further apart, are no scan to drive by: a leg 3 m away is two degrees wide."""
 
 SILENT = math.radians(20.0)

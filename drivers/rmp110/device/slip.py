@@ -216,15 +216,22 @@ class SlipWatch:
         return SlipWatch(self.stored_track_m, self.max_mps2, reading.time_s, right, left)
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """In words, worst first; empty while all is well."""
+    def slipping(self) -> tuple[str, ...]:
+        """What the wheels do now that they were not told to, in words, worst first; empty while they obey."""
         if self.right is None or self.left is None:
             return ()
-        said = [
+        return tuple(
             trouble.sentence(right.on, left.on)
             for trouble, right, left in zip(Trouble, self.right.alarms, self.left.alarms, strict=True)
             if right.on or left.on
-        ]
+        )
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The same, and what is odd about the numbers although the wheels obey."""
+        if self.right is None or self.left is None:
+            return ()
+        said = list(self.slipping)
         coarse_m = ulp32(max(abs(self.right.before.position_m), abs(self.left.before.position_m)))
         if coarse_m >= COARSE_M:
             said.append(

@@ -21,6 +21,7 @@ from drivers.rmp110.codec.motion import MotionScale
 from drivers.rmp110.codec.parameters import OperationalState, Stored
 from drivers.rmp110.device.language import Language
 from drivers.rmp110.device.odometry import Covariance, Odometry
+from drivers.rmp110.device.slip import SlipWatch
 
 NEEDED = (
     "fault_status_word_1",
@@ -128,6 +129,8 @@ class State:
     """Of the pose: xx, xy, x yaw, yy, y yaw, yaw yaw."""
     warnings: tuple[str, ...] = ()
     """What is odd, in words; motion is possible."""
+    slipping: tuple[str, ...] = ()
+    """Those of them that say the wheels do not do as they are told."""
     batteries: tuple[Battery, ...] = ()
     """The packs that the feedback set speaks of."""
     latched: str | None = None
@@ -189,7 +192,7 @@ def read_state(
     odometry: Odometry,
     identity: Identity,
     track_m: float,
-    warnings: tuple[str, ...] = (),
+    slip: SlipWatch,
 ) -> State:
     """The state that a packet's values describe."""
     ratio = identity.scale.track_ratio
@@ -211,7 +214,8 @@ def read_state(
         dynamic_response=int(values["dynamic_response"]),
         operational_time_s=values["operational_time"],
         covariance=odometry.covariance(),
-        warnings=(*identity.warnings, *_controllers(values), *warnings),
+        warnings=(*identity.warnings, *_controllers(values), *slip.warnings),
+        slipping=slip.slipping,
         batteries=_batteries(values),
     )
 

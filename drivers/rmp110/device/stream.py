@@ -111,7 +111,7 @@ class Stream:
         if self._language.unsolicited and self._time_s is not None:
             journal.lost += missing(self._time_s, time_s)
         self._time_s = time_s
-        state = read_state(report.first_ns, values, journal.odometry, self._identity, track_m, self._slip.warnings)
+        state = read_state(report.first_ns, values, journal.odometry, self._identity, track_m, self._slip)
         self._heard_ns = report.last_ns
         state = self._pilot.watch(state, report.last_ns)
         journal.publish(state, report.last_ns)
