@@ -134,6 +134,6 @@ def seen_free(looks: Sequence[Look], points: Floats, turning: float = 0.0) -> ND
 def _stacked(looks: Sequence[Look]) -> NDArray[np.float32]:
     """The free ranges of several scans, row by row; shorter ones end in nothing free."""
     rows = np.zeros((len(looks), max(len(past.free) for past in looks)), np.float32)
-    for row, past in zip(rows, looks, strict=True):
-        row[: len(past.free)] = past.free
+    for n, past in enumerate(looks):
+        rows[n, : len(past.free)] = past.free
     return rows

@@ -22,6 +22,8 @@ from ghal360_robot.messages import Twist
 from ghal360_robot.safety.footprint import STANDSTILL, Disc, disc_velocity, first_contacts
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from numpy.typing import NDArray
 
     from ghal360_robot.safety.limits import SafetyLimits
@@ -111,6 +113,10 @@ def judge(around: Around, twist: Twist, limits: SafetyLimits, measured: Twist) -
             verdicts.append(_zones(around.resting, twist, disc, limits, measured, people)._replace(person=True))
         if len(around.walking):
             verdicts.append(_walking(around.walking, twist, disc, limits))
+    return _worst(verdicts)
+
+
+def _worst(verdicts: Iterable[Verdict]) -> Verdict:
     return min(verdicts, key=lambda verdict: (verdict.share, verdict.free_m))
 
 
@@ -144,20 +150,21 @@ def _zones(points: Floats, twist: Twist, disc: Disc, limits: SafetyLimits, measu
     What is deep inside the outline (a cable, dirt on the window) is judged by itself: how close it is says nothing
     about how close the rest may come.
     """
-    deep = (points[:, 0] - disc.x) ** 2 + (points[:, 1] - disc.y) ** 2 < max(disc.radius - DEEP_M, 0.0) ** 2
-    if deep.any():
-        verdicts = [_zone(part, twist, disc, limits, measured, berth) for part in (points[deep], points[~deep])]
-        return min(verdicts, key=lambda verdict: (verdict.share, verdict.free_m))
-    return _zone(points, twist, disc, limits, measured, berth)
+    squared = (points[:, 0] - disc.x) ** 2 + (points[:, 1] - disc.y) ** 2
+    deep = squared < max(disc.radius - DEEP_M, 0.0) ** 2
+    parts = (deep, ~deep) if deep.any() else (~deep,)
+    return _worst([_zone(points[part], squared[part], twist, disc, limits, measured, berth) for part in parts])
 
 
-def _zone(points: Floats, twist: Twist, disc: Disc, limits: SafetyLimits, measured: Twist, berth: Berth) -> Verdict:
+def _zone(
+    points: Floats, squared: Floats, twist: Twist, disc: Disc, limits: SafetyLimits, measured: Twist, berth: Berth
+) -> Verdict:
+    """The zones around `points` (n, 2) at `squared` (n,) square metres from the disc's centre."""
     speed = math.hypot(*disc_velocity(disc, twist))
     if speed < STANDSTILL or len(points) == 0:
         return FREE
     moving = math.hypot(*disc_velocity(disc, measured))
     decel = _decel(disc, twist, limits)
-    squared = (points[:, 0] - disc.x) ** 2 + (points[:, 1] - disc.y) ** 2
     reach_m = stopping_m(max(speed, moving), decel, limits.reaction_s) + max(limits.standoff_m, berth.wide_m)
     clearance = math.sqrt(float(squared.min()))
     if clearance > disc.radius + berth.margin_m + reach_m:
@@ -193,7 +200,7 @@ def _walking(points: Floats, twist: Twist, disc: Disc, limits: SafetyLimits) -> 
     decel = _decel(disc, twist, limits)
     turn = twist.w * (limits.reaction_s + speed / decel)
     towards = _towards(np.arctan2(dy, dx) - math.atan2(vy, vx), turn)
-    worst = FREE
+    verdicts = [FREE]
     for mask, least in ((towards > ABEAM, 0.0), (np.abs(towards) <= ABEAM, CRAWL)):
         if not mask.any():
             continue
@@ -201,9 +208,8 @@ def _walking(points: Floats, twist: Twist, disc: Disc, limits: SafetyLimits) -> 
         apart_m = float(apart[nearest]) - disc.radius - limits.person_margin_m
         pace = approachable(apart_m, decel, limits.reaction_s, limits.person_speed)
         at = (float(points[nearest, 0]), float(points[nearest, 1]))
-        verdict = Verdict(max(pace, least) / speed, max(apart_m, 0.0), at, person=True)
-        worst = min(worst, verdict, key=lambda verdict: verdict.share)
-    return worst
+        verdicts.append(Verdict(max(pace, least) / speed, max(apart_m, 0.0), at, person=True))
+    return _worst(verdicts)
 
 
 def _towards(bearing: Floats, turn: float) -> Floats:

@@ -87,7 +87,9 @@ def test_every_limit_is_a_setting() -> None:
     rig.run(50, FORWARD)
     rig.n += 20
     assert rig.tick(FORWARD).arm is ArmState.ARMED
-    assert rig.give(operator(rig, latency_s=0.35), FORWARD).reasons == ("latency 0.3 s",)
+    held = rig.give(operator(rig, latency_s=0.35), FORWARD)
+    assert held.twist == STILL
+    assert held.reasons == ("latency 0.3 s",)
     for _ in range(300):
         rig.give(replace(operator(rig, holder="a"), lease=Lease("a", 0)), FORWARD)
     rig.presses += 1

@@ -130,6 +130,27 @@ def test_a_robot_that_is_longer_behind_turns_only_over_ground_it_knows() -> None
     assert rig.run(10, Twist(0.0, 0.5))[-1].twist.w > 0.0
 
 
+LONG = Safety(SafetyLimits(footprint=(Disc(0.0, 0.0, 0.3), Disc(-0.25, 0.0, 0.3), Disc(-0.5, 0.0, 0.3))))
+
+
+def test_what_is_left_of_a_motion_is_looked_at_for_blind_ground_again() -> None:
+    rig = Rig(LONG, seen=lambda pose: circles_ranges(pose, np.array([[0.42, 0.0, 0.05]])))
+    rig.run(3)
+    refused = rig.tick(Twist(0.3, 0.1))
+    assert refused.twist == STILL
+    assert refused.reasons[0].startswith("stopped: obstacle 0.0 m")
+    assert refused.reasons[1] == "turning: lidar is blind there, and has not seen it lately"
+
+
+def test_without_echoes_ahead_a_long_robot_does_not_turn_over_blind_ground_either() -> None:
+    aside = np.full(811, np.nan)
+    aside[:200] = 2.0
+    rig = Rig(LONG, seen=aside)
+    out = rig.run(5, Twist(0.3, 0.4))
+    assert out[-1].twist == STILL
+    assert out[-1].reasons == ("lidar sees nothing ahead: covered?",)
+
+
 def test_a_scan_without_echoes_ahead_leaves_the_turn() -> None:
     aside = np.full(811, np.nan)
     aside[:200] = 2.0

@@ -93,6 +93,18 @@ def test_who_has_not_moved_for_a_second_rests(age_ns: int, walks: bool) -> None:
     assert (len(now.resting) > 0) is not walks
 
 
+def test_when_somebody_was_about_is_remembered_even_when_the_odometry_begins_anew() -> None:
+    somebody = Memory(people=(Person(1.0, 0.0, 5, 5, 2),))
+    seen = remember(somebody, at(7, Pose2(), ranges=0.8), LIMITS)
+    assert seen.someone_ns == 7
+    alone = remember(replace(seen, people=()), at(9, Pose2(), ranges=0.8), LIMITS)
+    assert alone.someone_ns == 7
+    anew = remember(alone, at(10, Pose2(5.0, 0.0, 0.0)), LIMITS)
+    assert anew.looks == ()
+    assert anew.someone_ns == 7
+    assert remember(Memory(people=(Person(1.0, 0.0, 5, 5, 1),)), at(7, Pose2(), ranges=0.8), LIMITS).someone_ns is None
+
+
 def test_somebody_seen_only_once_is_not_believed() -> None:
     seen = remember(Memory(people=(Person(1.0, 0.0, 0, 0, 1),)), at(1, Pose2(), ranges=0.8), LIMITS)
     assert len(here(seen, 1).walking) == 0
@@ -122,10 +134,10 @@ def test_older_scans_are_kept_now_and_then_for_as_long_as_ground_is_remembered()
 @pytest.mark.parametrize(
     ("pose", "stamp_ns", "jumped"),
     [
-        (Pose2(0.79, 0.0, 0.0), SECOND, False),
-        (Pose2(0.81, 0.0, 0.0), SECOND, True),
-        (Pose2(0.0, 0.0, 1.29), SECOND, False),
-        (Pose2(0.0, 0.0, -1.31), SECOND, True),
+        (Pose2(1.29, 0.0, 0.0), 2 * SECOND, False),
+        (Pose2(1.31, 0.0, 0.0), 2 * SECOND, True),
+        (Pose2(0.0, 0.0, 2.09), 2 * SECOND, False),
+        (Pose2(0.0, 0.0, -2.11), 2 * SECOND, True),
         (Pose2(0.0, 0.81, 0.0), SECOND, True),
         (Pose2(0.0, 0.79, 0.0), SECOND, False),
         (Pose2(0.0, 0.0, 0.0), 5, True),

@@ -79,7 +79,7 @@ def test_a_thing_shadows_all_directions_that_might_be_its_own() -> None:
     assert free(ranges, (0.2 + 2 * math.cos(narrow), 2 * math.sin(narrow))) == [False]
     assert free(ranges, (0.2 + 2 * math.cos(wide), 2 * math.sin(wide))) == [True]
     assert free(ranges, (0.2 + 2 * math.cos(wide), -2 * math.sin(wide)), turning=-0.8) == [False]
-    inside = ASTRAY + 0.8 * 0.025 - 0.5 * STEP
+    inside = 9.8 * STEP  # (0.035 + 0.8 * 0.025) rad are 9.5 beams: ten are taken
     assert free(ranges, (0.2 + 2 * math.cos(inside), 2 * math.sin(inside)), turning=0.8) == [False]
     wider = wide + 0.8 * 0.025
     assert free(ranges, (0.2 + 2 * math.cos(wider), 2 * math.sin(wider)), turning=0.8) == [True]
@@ -89,7 +89,7 @@ def test_points_measured_while_turning_have_to_be_free_on_both_sides() -> None:
     ranges = np.full(811, 3.0)
     ranges[405] = 1.0
     past = look(around(scan(ranges)), Pose2(), 0.0)
-    limit = ASTRAY + 0.8 * 0.025 - 0.5 * STEP
+    limit = 10.8 * STEP  # seven beams of the scan that is asked, four of the one that asks
     assert not seen_free([past], np.array([[0.2 + 2 * math.cos(limit), 2 * math.sin(limit)]]), turning=0.8).any()
     angle = ASTRAY + 1.5 * STEP
     for side in (1, -1):
@@ -111,6 +111,9 @@ def test_scans_of_any_length_are_asked_at_once() -> None:
         [True, False, False],
         [True, True, True],
     ]
+    turning = seen_free([whole, half, back], at, turning=0.5)
+    assert turning.tolist() == [seen_free([past], at, turning=0.5)[0].tolist() for past in (whole, half, back)]
+    assert turning.any(axis=1).all()
     empty = look(look_around(LidarScan(0, YAW[:0], YAW[:0], 0, 0, 0), LidarMount()), Pose2(), 0.0)
     assert seen_free([empty], at).shape == (0, 3)
     assert seen_free([], at).shape == (0, 3)

@@ -50,6 +50,8 @@ def test_returns_from_inside_the_outline_are_dirt_on_the_window(beams: int, dirt
     assert scan_fault(near, (*ROUND, Disc(-0.5, 0.0, 0.3))) == said
     assert scan_fault(near, (Disc(0.3, 0.2, 0.4),)) == said
     assert scan_fault(near, (Disc(0.3, 0.5, 0.4),)) == ""
+    aside = around(scan(ranges(3.0, **{f"at_480_{beams}": 0.3})))  # 25 to 33 degrees to the left
+    assert scan_fault(aside, (Disc(0.46, 0.35, 0.3),)) == said
     assert scan_fault(around(scan(ranges(3.0, at_400_100=0.16))), ROUND) == ""  # within 5 cm of the rim
     assert scan_fault(near, (Disc(-0.5, 0.0, 0.3),)) == ""
     assert ("window dirty" in scan_fault(near, (Disc(-0.5, 0.0, 0.3), *ROUND))) is dirty
@@ -85,6 +87,23 @@ def test_echoes_beside_and_behind_do_not_make_up_for_none_ahead() -> None:
     assert blind_ahead(around(scan(values))) == "lidar sees nothing ahead: covered?"
     values[400:416] = 2.0
     assert blind_ahead(around(scan(values))) == ""
+
+
+@pytest.mark.parametrize("mount", [LidarMount(), LidarMount(yaw=0.3), LidarMount(yaw=0.3, upside_down=True)])
+@pytest.mark.parametrize("place", ["first", "middle", "last"])
+def test_a_wide_stretch_without_an_echo_ahead_is_said(mount: LidarMount, place: str) -> None:
+    ahead = np.flatnonzero(np.abs(look_around(scan(3.0), mount).bearings) <= math.radians(50))
+    widest = math.ceil(math.radians(20.0) / (math.radians(270) / 810) - 1e-4) - 1
+    for silent, said in ((widest, ""), (widest + 1, "slow: lidar gets no echo over 20 deg ahead")):
+        begin = {"first": ahead[0], "middle": ahead[100], "last": ahead[-1] + 1 - silent}[place]
+        values = np.full(811, 3.0, np.float32)
+        values[begin : begin + silent] = np.nan
+        assert silent_ahead(look_around(scan(values), mount)) == said
+        values[begin + silent // 2] = 3.0
+        assert silent_ahead(look_around(scan(values), mount)) == ""
+    beyond = np.full(811, 3.0, np.float32)
+    beyond[: ahead[0]] = beyond[ahead[-1] + 1 :] = np.nan
+    assert silent_ahead(look_around(scan(beyond), mount)) == ""
 
 
 @pytest.mark.parametrize("twist", [Twist(0.5, 0.0), Twist(0.2, 0.8), Twist(0.2, -0.8), Twist(0.0, 0.8)])

@@ -143,6 +143,18 @@ def test_close_already_the_robot_crawls_where_that_takes_no_clearance_away() -> 
     assert limit(in_front, Twist(0.2, 0.7), LIMITS, STILL)[0] == Twist(0.0, 0.7)
 
 
+def test_what_is_on_the_robot_itself_does_not_say_how_close_the_rest_may_come() -> None:
+    limits = SafetyLimits(footprint=(Disc(0.2, -0.3, 0.4),))
+    cable, wall_ahead = (0.05, -0.3), (0.2 + 0.44 + 0.05, -0.3)
+    assert judge(things(cable), AHEAD, limits, STILL).share * 0.5 == pytest.approx(CRAWL)
+    assert judge(things(wall_ahead), AHEAD, limits, STILL).share == 0.0
+    assert judge(things(cable, wall_ahead), AHEAD, limits, STILL).share == 0.0
+    for at in ((0.2, 0.04), (0.2, -0.64)):  # within 5 cm of the rim it is the world's, and close
+        assert judge(things(at, wall_ahead), AHEAD, limits, STILL).at == wall_ahead
+    small = SafetyLimits(footprint=(Disc(0.0, 0.0, 0.04),))
+    assert judge(things((0.01, 0.0)), Twist(-0.1, 0.0), small, STILL).share * 0.1 == pytest.approx(CRAWL)
+
+
 def test_between_two_walls_that_are_both_too_close_the_robot_crawls_on() -> None:
     x = np.linspace(-1.0, 3.0, 200)
     aisle = np.concatenate([np.column_stack((x, np.full(200, side * 0.43))) for side in (1, -1)])
