@@ -108,7 +108,7 @@ def test_nobody_backs_up_where_somebody_was_about_since_the_ground_was_seen() ->
     assert rig.stick(BACK).twist.v < 0.0
 
 
-@pytest.mark.parametrize("disc", [Disc(0.2, 0.0, 0.4), Disc(0.0, 0.2, 0.4)])
+@pytest.mark.parametrize("disc", [Disc(0.2, 0.0, 0.4), Disc(0.0, 0.2, 0.4), Disc(0.0, 0.05, 0.4)])
 def test_only_what_the_outline_surely_covered_counts_as_driven_over(disc: Disc) -> None:
     rig = Rig(Safety(SafetyLimits(footprint=(disc,))))
     rig.run(60, Twist(0.5, 0.0))

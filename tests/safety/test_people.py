@@ -150,6 +150,8 @@ def test_memory_of_who_stands_for_long_fades() -> None:
     assert follow((person,), at, still, beam, 10_000_000_001, 10.0) == ()
     assert follow((person,), at[:0], still[:0], beam[:0], 1_500_000_000, 10.0) == (person,)
     assert follow((person,), at[:0], still[:0], beam[:0], 1_500_000_001, 10.0) == ()
+    late = Person(1.0, 0.0, 100_000_000_000, 100_000_000_000, 2)
+    assert follow((late,), at, still, beam, 105_000_000_000, 10.0) != ()
     once = Person(1.0, 0.0, 0, 0, 1)
     assert follow((once,), at, still, beam, 500_000_000, 10.0) != ()
     assert follow((once,), at, still, beam, 500_000_001, 10.0) == ()
