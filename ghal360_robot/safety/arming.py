@@ -116,6 +116,8 @@ def _presses(
     pressed = set(compress(("arm", "disarm", "estop"), map(gt, counts, old)))
     if new_start:
         pressed.discard("arm")
+    if counts == (arming.arm_seen, *seen[1:]) and silent is arming.silent and same:
+        return arming, frozenset(pressed), replaced
     updated = replace(
         arming,
         arm_seen=counts[0],

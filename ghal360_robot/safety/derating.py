@@ -126,13 +126,10 @@ def _level(rule: Rule, value: float | None, before: Level) -> Level:
     if not math.isfinite(value):
         return Level.STOP
     sign = -1.0 if rule.stop < rule.warn else 1.0
-    thresholds = ((Level.STOP, rule.stop), (Level.DERATE, rule.derate), (Level.WARN, rule.warn))
-    entered = max((level for level, at in thresholds if sign * value >= sign * at), default=Level.FINE)
-    kept = max(
-        (level for level, at in thresholds if sign * value > sign * at - rule.hysteresis and level <= before),
-        default=Level.FINE,
-    )
-    return max(entered, kept)
+    for level, at in ((Level.STOP, rule.stop), (Level.DERATE, rule.derate), (Level.WARN, rule.warn)):
+        if sign * value >= sign * at or (level <= before and sign * value > sign * at - rule.hysteresis):
+            return level
+    return Level.FINE
 
 
 def _words(rule: Rule, value: float, inputs: Inputs) -> str:

@@ -6,7 +6,7 @@ All of it in the odometry frame, all of it bounded. When the odometry jumps, eve
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -48,10 +48,10 @@ NOTHING = np.zeros((0, 2))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """The last scan: returns that matter, in the odometry frame, those of people last.
+    """The last scan: returns that matter, in the odometry frame.
 
-    `points` (n, 2); from `resting` on they belong to people who have stopped for the moment, from `walking` on to
-    those who walk.
+    `points` (n, 2): first all that are close; from `resting` on those of people who have stopped for the moment,
+    from `walking` on those of people who walk, near and far and thinned out.
     """
 
     stamp_ns: int
@@ -99,7 +99,8 @@ def remember(memory: Memory, inputs: Inputs, limits: SafetyLimits) -> Memory:
         if stamps and _jumped(memory.trail, base, limits):
             memory = Memory(someone_ns=memory.someone_ns)
         driven = _driven(memory.driven, base, limits.ground_memory_s)
-        memory = replace(memory, trail=memory.trail.extended(base), driven=driven)
+        trail, scene = memory.trail.extended(base), memory.scene
+        memory = Memory(trail, memory.looks, memory.past, memory.people, driven, scene, memory.someone_ns)
     if around is None or (memory.scene is not None and around.stamp_ns == memory.scene.stamp_ns):
         return memory
     return _taken_in(memory, around, base.twist.w, limits)
@@ -131,21 +132,18 @@ def _taken_in(memory: Memory, around: Surroundings, turning: float, limits: Safe
     pose, looks, stamp_ns = memory.trail.at(around.stamp_ns - MIDDLE_NS), memory.looks, around.stamp_ns
     x, y = around.points[:, 0], around.points[:, 1]
     squared = x * x + y * y
-    nearby = np.flatnonzero(squared < limits.people_reach_m**2)
     c, s = math.cos(pose.yaw), math.sin(pose.yaw)
-    points = around.points[nearby] @ np.array(((c, s), (-s, c))) + (pose.x, pose.y)
-    beam = around.beam[nearby]
-    some, its_beam = points[::THIN], beam[::THIN]
-    moved = crowd.moving(crowd.compared(looks, stamp_ns), some, its_beam, turning)
-    people = crowd.follow(memory.people, some, moved, its_beam, stamp_ns, limits.person_memory_s)
-    rests, walks = np.zeros(len(points), bool), np.zeros(len(points), bool)
-    for somebody in people:
-        if somebody.confirmed:
-            group = walks if stamp_ns - somebody.moved_ns <= crowd.REST_NS else rests
-            group |= crowd.near(points, somebody)
-    rests &= ~walks
-    things = (squared[nearby] < limits.reach_m**2) & ~rests & ~walks
-    parts = points[things], points[rests], points[walks]
+    to_odometry, here_x_y = np.array(((c, s), (-s, c))), (pose.x, pose.y)
+    close = around.points[squared < limits.reach_m**2] @ to_odometry + here_x_y
+    some = np.flatnonzero(squared < limits.people_reach_m**2)[::THIN]
+    points, beam = around.points[some] @ to_odometry + here_x_y, around.beam[some]
+    moved = crowd.moving(crowd.compared(looks, stamp_ns), points, beam, turning)
+    people = crowd.follow(memory.people, points, moved, beam, stamp_ns, limits.person_memory_s)
+    sure = [person for person in people if person.confirmed]
+    theirs = crowd.near(points, sure)
+    walking = np.array([stamp_ns - person.moved_ns <= crowd.REST_NS for person in sure], bool)
+    walks, rests = theirs[:, walking].any(axis=1), theirs[:, ~walking].any(axis=1)
+    parts = close, points[rests & ~walks], points[walks]
     fault = scan_fault(around, limits.footprint)
     ahead = "" if fault else blind_ahead(around)
     first = len(parts[0])
@@ -155,7 +153,7 @@ def _taken_in(memory: Memory, around: Surroundings, turning: float, limits: Safe
     past = tuple(old for old in memory.past if stamp_ns - old.stamp_ns <= limits.ground_memory_s * 1e9)
     if not past or stamp_ns - past[-1].stamp_ns >= PAST_NS:
         past = (*past[1 - PAST :], seen)
-    someone_ns = stamp_ns if any(somebody.confirmed for somebody in people) else memory.someone_ns
+    someone_ns = stamp_ns if sure else memory.someone_ns
     return Memory(memory.trail, (*looks[1 - LOOKS :], seen), past, people, memory.driven, scene, someone_ns)
 
 

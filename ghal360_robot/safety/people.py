@@ -123,7 +123,8 @@ def follow(
     memory_s: float,
 ) -> tuple[Person, ...]:
     """People after one more scan: those seen moving now, and those remembered."""
-    followed = [replace(person, there_ns=stamp_ns) if near(points, person).any() else person for person in people]
+    there = np.asarray(near(points, people).any(axis=0))
+    followed = [replace(person, there_ns=stamp_ns) if there[n] else person for n, person in enumerate(people)]
     which = np.flatnonzero(moved)
     for thing in things(points[which], beam[which]):
         x, y = points[which[thing]].mean(axis=0).tolist()
@@ -143,9 +144,10 @@ def follow(
     return tuple(sorted(kept, key=lambda person: -person.moved_ns)[:MOST])
 
 
-def near(points: Floats, person: Person, reach_m: float = REACH_M) -> NDArray[np.bool_]:
-    """Which of `points` (n, 2) are so close to somebody that they belong to them."""
-    return np.asarray((points[:, 0] - person.x) ** 2 + (points[:, 1] - person.y) ** 2 < reach_m**2)
+def near(points: Floats, people: Sequence[Person]) -> NDArray[np.bool_]:
+    """Which of `points` (n, 2) are so close to each of `people` that they belong to them: (n, people)."""
+    at = np.array([(person.x, person.y) for person in people]).reshape(-1, 2)
+    return np.asarray((points[:, :1] - at[:, 0]) ** 2 + (points[:, 1:] - at[:, 1]) ** 2 < REACH_M**2)
 
 
 def _forgotten(person: Person, now_ns: int, memory_s: float) -> bool:

@@ -152,8 +152,10 @@ def _zones(points: Floats, twist: Twist, disc: Disc, limits: SafetyLimits, measu
     """
     squared = (points[:, 0] - disc.x) ** 2 + (points[:, 1] - disc.y) ** 2
     deep = squared < max(disc.radius - DEEP_M, 0.0) ** 2
-    parts = (deep, ~deep) if deep.any() else (~deep,)
-    return _worst([_zone(points[part], squared[part], twist, disc, limits, measured, berth) for part in parts])
+    if not deep.any():
+        return _zone(points, squared, twist, disc, limits, measured, berth)
+    parts = (deep, ~deep)
+    return _worst(_zone(points[part], squared[part], twist, disc, limits, measured, berth) for part in parts)
 
 
 def _zone(

@@ -224,8 +224,10 @@ def test_returns_beside_each_other_are_one_thing() -> None:
 
 def test_near_somebody_is_within_their_reach() -> None:
     points = np.array([[1.0, 0.44], [1.0, 0.46], [1.44, 0.0], [0.0, 0.0]])
-    assert near(points, Person(1.0, 0.0, 0, 0)).tolist() == [True, False, True, False]
-    assert near(np.array([[0.45, 0.0], [0.0, 0.0]]), Person(0.0, 0.0, 0, 0)).tolist() == [False, True]
+    two = (Person(1.0, 0.0, 0, 0), Person(0.0, 0.1, 0, 0))
+    assert near(points, two).T.tolist() == [[True, False, True, False], [False, False, False, True]]
+    assert near(points, ()).shape == (4, 0)
+    assert near(np.array([[0.45, 0.0], [0.0, 0.0]]), (Person(0.0, 0.0, 0, 0),)).tolist() == [[False], [True]]
 
 
 def test_scans_of_each_age_are_compared_and_none_twice() -> None:
