@@ -50,7 +50,7 @@ def _annotated(world_name: str, seed: int, target: str, aside: float) -> NDArray
 
     world = build_world(world_name, seed, target)
     pose = vantage_pose(world)
-    picture = PanoramaRenderer(world).render(pose.x, pose.y, pose.yaw, CAMERA_HEIGHT_M)
+    picture = PanoramaRenderer(world, painted=True).render(pose.x, pose.y, pose.yaw, CAMERA_HEIGHT_M)
     detector = make_detector("painted")
     size = PictureSize(picture.shape[1], picture.shape[0])
     found = around_robot(detector.detect(picture), size, 0.0, stamp_ns=0, picture=0, detector=detector.name)

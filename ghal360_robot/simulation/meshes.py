@@ -35,6 +35,17 @@ class Surface:
     alpha: float = 1.0
 
 
+@dataclass(frozen=True, slots=True)
+class Section:
+    """One outline of a `loft`: an ellipse for power 1, nearer to a rectangle below it; metres."""
+
+    z: float
+    half_width: float
+    half_depth: float
+    y: float = 0.0
+    power: float = 0.6
+
+
 @dataclass(slots=True)
 class Batch:
     """All triangles of one texture: `points`, `normals` (n, 3), `uv` (n, 2), `colours` (n, 4), `glow` (n,)."""
@@ -196,6 +207,28 @@ class Frame:
         normals = unit / np.linalg.norm(unit, axis=1, keepdims=True)
         uv = np.column_stack((lon / math.tau * 2.0, lat / math.pi + 0.5))
         self._emit(points, normals, uv, _grid_triangles(sides, rings), surface)
+
+    def loft(self, sections: Sequence[Section], surface: Surface, *, sides: int = 20) -> None:
+        """A body through rounded outlines, bottom to top; the texture goes round it once, the front in its middle."""
+        angles = math.pi / 2 + np.linspace(0.0, math.tau, sides + 1)
+        ring = np.column_stack((np.cos(angles), np.sin(angles)))
+        rows = [
+            np.column_stack(
+                (
+                    np.sign(ring) * np.abs(ring) ** part.power * (part.half_width, part.half_depth) + (0.0, part.y),
+                    np.full(sides + 1, part.z),
+                )
+            )
+            for part in sections
+        ]
+        grid = np.array(rows)
+        around = np.roll(grid[:, :-1], -1, axis=1) - np.roll(grid[:, :-1], 1, axis=1)
+        normals = np.cross(np.concatenate((around, around[:, :1]), axis=1), np.gradient(grid, axis=0))
+        normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-9)
+        u, v = np.meshgrid(np.linspace(0.0, 1.0, sides + 1), np.linspace(0.0, 1.0, len(sections)))
+        uv = np.column_stack((u.ravel(), v.ravel()))
+        triangles = _grid_triangles(sides, len(sections) - 1)
+        self._emit(grid.reshape(-1, 3), normals.reshape(-1, 3), uv, triangles, surface)
 
     def _emit(
         self, points: Floats, normals: Floats, uv: Floats, triangles: NDArray[np.int64], surface: Surface

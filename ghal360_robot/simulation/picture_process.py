@@ -58,6 +58,8 @@ class Order:
     seed: int = 0
     target: str = ""
     camera_height: float = CAMERA_HEIGHT_M
+    painted: bool = True
+    """Things wear the paint of their class, for the `painted` detector, instead of looking natural."""
     files: tuple[str, ...] = ()
     seconds_each: float = 4.0
 
@@ -90,7 +92,7 @@ class RenderedScenery:
 
         world = build_world(order.world, order.seed, order.target)
         self.start = world.start
-        self._renderer = PanoramaRenderer(world, order.width, order.height)
+        self._renderer = PanoramaRenderer(world, order.width, order.height, painted=order.painted)
         self._height = order.camera_height
         self._shown: Pose2 | None = None
         self._picture = np.zeros((order.height, order.width, 3), np.uint8)

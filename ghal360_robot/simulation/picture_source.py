@@ -243,10 +243,15 @@ class RenderedPictureSource(PictureSource):
         target: str = "backpack",
         fps: float = 12.0,
         bitrate: int = 6_000_000,
+        *,
+        painted: bool = True,
     ) -> None:
-        """The world as in `build_world`. Raises ValueError for a name or target that does not exist."""
+        """The world as in `build_world`; `painted` for the detector of that name, else it looks natural.
+
+        Raises ValueError for a name or target that does not exist.
+        """
         build_world(world_name, seed, target)
-        super().__init__(Order(fps, bitrate, world=world_name, seed=seed, target=target))
+        super().__init__(Order(fps, bitrate, world=world_name, seed=seed, target=target, painted=painted))
 
 
 class FolderPictureSource(PictureSource):

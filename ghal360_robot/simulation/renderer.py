@@ -45,10 +45,16 @@ textures-power-2 none
 class PanoramaRenderer:
     """Draws equirectangular panoramas of a world. Not thread-safe; about one tenth of a second to build."""
 
-    def __init__(self, world: World, width: int = 1920, height: int = 960, face: int = 576) -> None:
-        """Panorama size in pixels (2:1), and the width of the four side views it is made from (even)."""
+    def __init__(
+        self, world: World, width: int = 1920, height: int = 960, face: int = 576, *, painted: bool = False
+    ) -> None:
+        """Panorama size in pixels (2:1), and the width of the four side views it is made from (even).
+
+        `painted`: things wear the paint of their class for the `painted` detector, instead of looking natural.
+        """
         _configure()
         self.world = world
+        self._painted = painted
         self.width, self.height, self.face = width, height, face
         self._atlas = (round(ATLAS[0] * face), round(ATLAS[1] * face))
         self._textures: dict[str, Any] = {}
@@ -105,7 +111,8 @@ class PanoramaRenderer:
             lights[room.name] = add_room(mesh, plan, room)
             for item in self.world.objects:
                 if self._room_of(item.x, item.y) is room:
-                    add_thing(mesh.at(item.x, item.y, item.z, item.yaw), item, seed, room.name)
+                    frame = mesh.at(item.x, item.y, item.z, item.yaw)
+                    add_thing(frame, item, seed, room.name, painted=self._painted)
                     if item.solid or item.name in SMALL_THINGS:
                         add_shadow(shadows.at(item.x, item.y, item.z, item.yaw), item)
             self._rooms[room.name] = self._attach(room.name, mesh, lights[room.name], room)

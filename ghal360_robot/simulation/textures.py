@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ghal360_robot.simulation import picture_textures
+from ghal360_robot.simulation import picture_textures, screen_textures, ware_textures
 from ghal360_robot.simulation.pixels import noise, tinted
 
 if TYPE_CHECKING:
@@ -151,6 +151,23 @@ MAKERS: dict[str, Callable[[Generator], Picture]] = {
     "clock": picture_textures.clock,
     "rug": picture_textures.rug,
     "canvas": canvas,
+    "programme 0": screen_textures.programme(screen_textures.mountains),
+    "programme 1": screen_textures.programme(screen_textures.match),
+    "programme 2": screen_textures.programme(screen_textures.news),
+    "programme 3": screen_textures.programme(screen_textures.reef),
+    "dark screen": screen_textures.dark_screen,
+    "laptop 0": screen_textures.laptop(screen_textures.wallpaper),
+    "laptop 1": screen_textures.laptop(screen_textures.browser),
+    "laptop 2": screen_textures.laptop(screen_textures.editor),
+    "laptop deck": screen_textures.keyboard,
+    "glass": ware_textures.glass,
+    "wine 0": ware_textures.wine,
+    "wine 1": ware_textures.wine,
+    "water 0": ware_textures.water,
+    "water 1": ware_textures.water,
+    "label": ware_textures.label,
+    "bag": ware_textures.bag,
+    "bag pocket": ware_textures.pocket,
     "shadow": shadow,
     "spot": spot,
 }

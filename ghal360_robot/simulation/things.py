@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ghal360_robot.simulation import furniture_models, painted_models, small_models
+from ghal360_robot.simulation import furniture_models, natural_models, painted_models, small_models
 from ghal360_robot.simulation.meshes import Frame, Surface
 
 if TYPE_CHECKING:
@@ -68,15 +68,24 @@ BUILDERS: dict[str, Builder] = {
     "mirror": small_models.mirror,
 }
 
+NATURAL: dict[str, Builder] = {
+    "backpack": natural_models.backpack,
+    "laptop": natural_models.laptop,
+    "bottle": natural_models.bottle,
+    "television": natural_models.television,
+}
+"""What looks like its kind in the field, for detectors that know real things, instead of wearing its class's paint."""
+
 ALIKE = frozenset({"chair", "office chair", "desk", "bookshelf", "filing cabinet"})
 """Kinds that are bought as a set: all of a room look the same."""
 
 
-def add_thing(frame: Frame, item: WorldObject, seed: int, room: str) -> None:
-    """The model of one thing; other kinds than the `ALIKE` ones differ from place to place."""
+def add_thing(frame: Frame, item: WorldObject, seed: int, room: str, *, painted: bool) -> None:
+    """The model of one thing, natural or `painted`; other kinds than the `ALIKE` ones differ from place to place."""
     own = (*room.encode(), *item.name.encode()) if item.name in ALIKE else (round(item.x * 100), round(item.y * 100))
     rng = np.random.default_rng([seed, *own])
-    BUILDERS[item.name](frame, item, rng)
+    builder = BUILDERS[item.name] if painted else NATURAL.get(item.name, BUILDERS[item.name])
+    builder(frame, item, rng)
 
 
 def add_shadow(ground: Frame, item: WorldObject) -> None:

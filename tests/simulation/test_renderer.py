@@ -27,7 +27,7 @@ DARK = 0.2
 
 @pytest.fixture(scope="module", params=["office", "home"])
 def renderer(request: pytest.FixtureRequest) -> Iterator[PanoramaRenderer]:
-    drawn = PanoramaRenderer(build_world(request.param, 2, "television"))
+    drawn = PanoramaRenderer(build_world(request.param, 2, "television"), painted=True)
     yield drawn
     drawn.close()
 
