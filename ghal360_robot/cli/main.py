@@ -13,7 +13,7 @@ from drivers.rmp110.errors import RmpError
 from drivers.theta_v.errors import ThetaError
 from drivers.tim571.errors import TimError
 from ghal360_robot import __version__
-from ghal360_robot.cli import bench, config, demo, export, inspect, pictures, probe, replay, run, simulate
+from ghal360_robot.cli import bench, config, demo, detectors, export, inspect, pictures, probe, replay, run, simulate
 from ghal360_robot.errors import GhalError
 from ghal360_robot.logbook.errors import LogbookError
 
@@ -39,6 +39,7 @@ app.command("replay")(replay.replay)
 app.command("export")(export.export)
 app.add_typer(bench.app, name="bench")
 app.add_typer(config.app, name="config")
+app.add_typer(detectors.app, name="detectors")
 app.command("pictures")(pictures.pictures)
 
 

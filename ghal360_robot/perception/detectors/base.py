@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
-from typing import TYPE_CHECKING, Protocol, cast
-
-from ghal360_robot.errors import UsageError
+from typing import TYPE_CHECKING, Literal, Protocol, cast
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     import numpy as np
     from numpy.typing import NDArray
 
@@ -44,14 +44,31 @@ DETECTORS = {
     "none": "ghal360_robot.perception.detectors.none:NoDetector",
     "painted": "ghal360_robot.perception.detectors.painted:PaintedDetector",
 }
-"""Where each detector's class is; imported when chosen, because some bring heavy libraries."""
+"""Detectors without weights, and where their classes are; imported when chosen."""
+
+CENTERNET = "centernet"
+"""The detector whose weights the set-up fetches; all others are what `ghal360 detectors add` was given."""
 
 
-def make_detector(name: str) -> Detector:
-    """The detector of that name. Raises UsageError, naming the known ones, for any other."""
-    try:
-        module, _, kind = DETECTORS[name].partition(":")
-    except KeyError:
-        known = ", ".join(DETECTORS)
-        raise UsageError(f"There is no detector {name!r}; choose one of {known}.") from None
+@dataclass(frozen=True, slots=True)
+class DetectorOptions:
+    """How a network is run; detectors without weights take none of it."""
+
+    plan: str = "default"
+    """One of `tiles.PLANS`."""
+    min_score: float | None = None
+    """For classes that `thresholds` does not name; None takes the network's own."""
+    thresholds: Mapping[str, float] = field(default_factory=dict)
+    threads: int = 1
+    """CPU threads; one more gains little where the other core is busy, and may cost much."""
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+    precision: Literal["auto", "float32", "bfloat16", "float16"] = "auto"
+
+
+def make_detector(name: str, options: DetectorOptions = DetectorOptions()) -> Detector:
+    """The detector of that name. Raises UsageError for an unknown one, WeightsError where its weights are no good."""
+    if name not in DETECTORS:
+        # Networks bring torch or onnxruntime with them, which takes seconds to import.
+        return import_module("ghal360_robot.perception.detectors.networks").make(name, options)  # type: ignore[no-any-return]
+    module, _, kind = DETECTORS[name].partition(":")
     return cast("Detector", getattr(import_module(module), kind)())

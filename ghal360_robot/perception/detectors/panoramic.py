@@ -1,0 +1,87 @@
+"""Any network as a detector of the whole panorama: cut into tiles, searched in one batch, merged on the sphere."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ghal360_robot.perception.detectors.base import PixelDetection
+from ghal360_robot.perception.detectors.letterbox import checked
+from ghal360_robot.perception.merge import TileBox, merged
+from ghal360_robot.perception.names import canonical
+from ghal360_robot.perception.sphere import PictureSize, pixel_box
+from ghal360_robot.perception.tiles import EDGE, PLANS, PerspectiveTile, Tile, TilePlan
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from ghal360_robot.perception.detectors.boxes import Boxes, Network
+
+    Picture = NDArray[np.uint8]
+
+
+class PanoramaDetector:
+    """A network and a plan; `thresholds` are scores by class name, every other class has `min_score`."""
+
+    def __init__(
+        self,
+        network: Network,
+        plan: TilePlan = PLANS["default"],
+        *,
+        min_score: float | None = None,
+        thresholds: Mapping[str, float] | None = None,
+    ) -> None:
+        self.network = network
+        tiles = (replace(tile, side=network.side) if isinstance(tile, PerspectiveTile) else tile for tile in plan.tiles)
+        self.plan = replace(plan, tiles=tuple(tiles))
+        self.name = network.name
+        self._names = tuple(canonical(name) for name in network.class_names)
+        self.class_names = tuple(dict.fromkeys(self._names))
+        everywhere = network.default_score if min_score is None else min_score
+        asked = {canonical(name): score for name, score in (thresholds or {}).items()}
+        self._scores = np.array([asked.get(name, everywhere) for name in self._names], np.float32)
+        self._turn = 0
+
+    def warm_up(self) -> None:
+        """Search one grey panorama: a first run allocates memory and chooses kernels, which takes long."""
+        self.detect(np.full((960, 1920, 3), 127, np.uint8))
+        self._turn = 0
+
+    def detect(self, rgb: Picture) -> list[PixelDetection]:
+        """Objects all around, best first. Raises PictureError unless `rgb` is (height, width, 3) uint8."""
+        checked(rgb)
+        size = PictureSize(rgb.shape[1], rgb.shape[0])
+        tiles = self._tiles()
+        cuts = [tile.cut(rgb) for tile in tiles]
+        found = self.network.detect(cuts, float(self._scores.min()))
+        boxes = [
+            box
+            for tile, cut, seen in zip(tiles, cuts, found, strict=True)
+            for box in self._on_sphere(tile, cut, seen, size)
+        ]
+        return [
+            PixelDetection(item.name, item.score, pixel_box(item.box, size))
+            for item in merged(boxes, self.plan.overlap)
+        ]
+
+    def _tiles(self) -> tuple[Tile, ...]:
+        if not self.plan.one_a_turn:
+            return self.plan.tiles
+        self._turn = (self._turn + 1) % len(self.plan.tiles)
+        return (self.plan.tiles[self._turn],)
+
+    def _on_sphere(self, tile: Tile, cut: Picture, seen: Boxes, size: PictureSize) -> list[TileBox]:
+        good = seen.score >= self._scores[seen.kind]
+        xyxy, score, kind = seen.xyxy[good], seen.score[good], seen.kind[good]
+        height, width = cut.shape[:2]
+        inside = np.stack((xyxy[:, 0], xyxy[:, 1], width - xyxy[:, 2], height - xyxy[:, 3]), 1)
+        near = inside < np.array((width, height, width, height)) * EDGE
+        is_cut = (near & np.array(tile.artificial())).any(axis=1)
+        return [
+            TileBox(self._names[k], float(s), box, bool(c))
+            for box, s, k, c in zip(tile.boxes(xyxy, size), score, kind, is_cut, strict=True)
+        ]
