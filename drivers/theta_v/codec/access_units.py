@@ -63,6 +63,7 @@ class AccessUnitTracker:
         self._pps: dict[int, tuple[h264.PictureParameters, bytes]] = {}
         self._held = b""
         self._held_ns = 0
+        self._held_after_loss = False
         self._taint = NOT_STARTED
         self._started = False
         self._frame_num: int | None = None
@@ -72,7 +73,7 @@ class AccessUnitTracker:
         """The stream was interrupted: nothing that comes may be trusted before a key picture."""
         self._taint = self._taint or "the stream was interrupted"
         self._frame_num = None
-        self._held = b""
+        self._held, self._held_after_loss = b"", False
 
     def feed(self, unit: Unit) -> AccessUnit | None:
         """Take one unit; return its picture, or None for parameter sets that came without one."""
@@ -90,6 +91,7 @@ class AccessUnitTracker:
         if not slices and not flaw and len(self._held) + len(unit.data) <= MAX_HELD_BYTES:
             self._held_ns = self._held_ns if self._held else unit.first_ns
             self._held += unit.data
+            self._held_after_loss |= unit.follows_loss
             return None
         if not slices and not flaw:
             flaw = "it holds no picture"
@@ -119,7 +121,7 @@ class AccessUnitTracker:
                 prefix, gap = self._check(unit.data, slices, keyframe)
             except ThetaMalformed as error:
                 flaw = str(error)
-        if unit.follows_loss:
+        if unit.follows_loss or self._held_after_loss:
             gap = max(gap, 1)
         self.lost += gap
         if flaw:
@@ -131,7 +133,7 @@ class AccessUnitTracker:
             self._taint = self._taint if not self._started else f"{gap} picture{'s' * (gap > 1)} lost before it"
 
         self._sequence += 1
-        held, self._held = self._held, b""
+        held, self._held, self._held_after_loss = self._held, b"", False
         raw = held + unit.data
         return AccessUnit(
             data=prefix + raw,
@@ -166,8 +168,11 @@ class AccessUnitTracker:
                 raise ThetaMalformed("its parameter sets never arrived")
             return b"", 0
         self.sps = sps
-        head, nal = heads[0]
-        number = h264.frame_num(head, starts[0], sps)
+        nal = slices[0]
+        numbers = {h264.frame_num(head, start, sps) for (head, _), start in zip(heads, starts, strict=True)}
+        if len(numbers) > 1 or len({n.kind for n in slices}) > 1:
+            raise ThetaMalformed("slices of two pictures are mixed")
+        number = numbers.pop()
         gap = 0 if keyframe or sps.gaps_allowed else self._gap(number, 1 << sps.log2_max_frame_num)
         if nal.reference:
             self._frame_num = number

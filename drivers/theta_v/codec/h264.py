@@ -16,6 +16,7 @@ from drivers.theta_v.errors import ThetaMalformed
 SLICE, IDR, SEI, SPS, PPS, AUD = 1, 5, 6, 7, 8, 9
 START_CODE = b"\x00\x00\x00\x01"
 
+SEARCHED_AT_ONCE = 256 << 10  # bytes; a picture of nothing but zeros must not need hundreds of megabytes of indices
 MAX_NALS = 256  # per access unit; the camera sends one slice and at most a handful of others
 MAX_PARAMETER_SET_BYTES = 1024  # an SPS with every list it may carry stays below
 MAX_SIDE = 16384  # pixels; level 6.2 allows no more
@@ -101,9 +102,11 @@ class Bits:
 
 def split(data: bytes) -> list[Nal]:
     """Find the NAL units of one access unit. Raises ThetaMalformed beyond MAX_NALS."""
-    codes = _start_codes(data)
-    if len(codes) > MAX_NALS:
-        raise ThetaMalformed(f"more than {MAX_NALS} NAL units in one picture")
+    codes: list[int] = []
+    for at in range(0, len(data), SEARCHED_AT_ONCE):
+        codes += _start_codes(data, at, at + SEARCHED_AT_ONCE)
+        if len(codes) > MAX_NALS:
+            raise ThetaMalformed(f"more than {MAX_NALS} NAL units in one picture")
     nals: list[Nal] = []
     for code, following in pairwise([*codes, len(data)]):
         start, end = code + 3, following
@@ -114,16 +117,17 @@ def split(data: bytes) -> list[Nal]:
     return nals
 
 
-def _start_codes(data: bytes) -> list[int]:
-    """Where 00 00 01 stands: looked for as pairs of zeros at even and odd places, five times as fast as a search."""
-    size = len(data)
+def _start_codes(data: bytes, begin: int, end: int) -> list[int]:
+    """Where 00 00 01 begins in `data[begin:end]`: looked for as pairs of zeros, five times as fast as a search."""
+    octets = np.frombuffer(data, np.uint8)[begin : end + 2]
+    size = len(octets)
     if size < 3:
         return []
-    even = 2 * np.flatnonzero(np.frombuffer(data, np.uint16, size // 2) == 0)
-    odd = 2 * np.flatnonzero(np.frombuffer(data, np.uint16, (size - 1) // 2, 1) == 0) + 1
+    even = 2 * np.flatnonzero(octets[: size & ~1].view(np.uint16) == 0)
+    odd = 2 * np.flatnonzero(octets[1 : 1 + (size - 1 & ~1)].view(np.uint16) == 0) + 1
     zeros = np.concatenate((even, odd))
     zeros = zeros[zeros + 2 < size]
-    codes: list[int] = np.sort(zeros[np.frombuffer(data, np.uint8)[zeros + 2] == 1]).tolist()
+    codes: list[int] = (np.sort(zeros[octets[zeros + 2] == 1]) + begin).tolist()
     return codes
 
 

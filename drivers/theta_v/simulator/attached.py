@@ -22,6 +22,7 @@ from drivers.theta_v.transport.base import (
     Identity,
     PacketSink,
 )
+from drivers.theta_v.transport.microframes import Pauses
 from drivers.theta_v.transport.opened import OpenedCamera
 
 PACKETS_PER_BATCH = 32  # 4 ms, as the USB/IP client
@@ -157,6 +158,7 @@ class AttachedTransport(OpenedCamera):
 
     def _stream(self, port: Port, endpoint: int, packet_bytes: int, on_packets: PacketSink) -> None:
         start = time.monotonic_ns()
+        pauses = Pauses()
         while not self._stop.is_set():
             end = start + PACKETS_PER_BATCH * MICROFRAME_NS
             wait_ns = end - time.monotonic_ns()
@@ -166,7 +168,10 @@ class AttachedTransport(OpenedCamera):
                 burst = port.isochronous(endpoint, PACKETS_PER_BATCH, start)
             except ThetaGone:
                 return  # the watch on the cable tells the driver
-            packets: list[Packet] = [(status, data[:packet_bytes]) for _, status, data in burst.packets]
+            carried: list[tuple[int, Packet]] = [
+                (slot, (status, data[:packet_bytes])) for slot, status, data in burst.packets
+            ]
+            packets = pauses.marked(carried, PACKETS_PER_BATCH)
             if packets:
                 on_packets(time.monotonic_ns(), packets)
             start = end if wait_ns > -MAX_BEHIND_NS else time.monotonic_ns()

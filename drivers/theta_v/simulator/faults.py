@@ -51,13 +51,15 @@ class PowerCycle:
 
 @dataclass(frozen=True, slots=True)
 class FaultPlan:
-    """Rates are probabilities: of a packet for the first four, of a picture for the other two."""
+    """Rates are probabilities: of a packet for the first five, of a picture for the other two."""
 
     seed: int = 0
     lost_packets: float = 0.0
     """The microframe fails, and the host is told so."""
     vanished_packets: float = 0.0
-    """The packet is gone and nobody is told."""
+    """The packet is gone and nobody is told; its microframe stays empty."""
+    skipped_packets: float = 0.0
+    """The camera itself leaves the packet out: nothing on the bus shows it."""
     corrupt_packets: float = 0.0
     """One byte behind the header differs."""
     error_packets: float = 0.0
@@ -74,6 +76,7 @@ class FaultPlan:
             (
                 self.lost_packets,
                 self.vanished_packets,
+                self.skipped_packets,
                 self.corrupt_packets,
                 self.error_packets,
                 self.missing_ends,
@@ -88,14 +91,14 @@ def spoil(packets: list[bytes], plan: FaultPlan, rng: np.random.Generator) -> li
         return []
     if rng.random() < plan.missing_ends:
         packets = [*packets[:-1], _flag(packets[-1], clear=EOF)]
-    lost, vanished, corrupt, error = rng.random((4, len(packets)))
+    lost, vanished, corrupt, error, skipped = rng.random((5, len(packets)))
     spoiled: list[tuple[int, bytes] | None] = []
     for i, packet in enumerate(packets):
         if lost[i] < plan.lost_packets:
             spoiled.append((EXDEV, b""))
         elif vanished[i] < plan.vanished_packets:
             spoiled.append(None)
-        else:
+        elif skipped[i] >= plan.skipped_packets:
             changed = packet
             if corrupt[i] < plan.corrupt_packets and len(packet) > packet[0]:
                 at = int(rng.integers(packet[0], len(packet)))

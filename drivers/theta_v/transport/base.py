@@ -23,9 +23,10 @@ DEVICE_DESCRIPTOR, CONFIGURATION_DESCRIPTOR, STRING_DESCRIPTOR = 0x0100, 0x0200,
 ENGLISH = 0x0409
 
 PacketSink = Callable[[int, list[Packet]], None]
-"""Called with the arrival time and the packets of one batch; empty packets without error are left out.
+"""Called with the arrival time and the packets of one batch; they are valid only during the call.
 
-A packet is one UVC payload: what one microframe carried, or one bulk transfer.
+A packet is one UVC payload: what one microframe carried, or one bulk transfer. A run of empty microframes is
+one empty packet. A queue that ran dry shows as a packet of status `RAN_DRY`.
 """
 GoneSink = Callable[[str], None]
 """Called once, with the reason, when the device is gone."""

@@ -11,10 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.theta_v.codec.descriptors import ISOCHRONOUS, Endpoint
-from drivers.theta_v.codec.payload import Packet
+from drivers.theta_v.codec.payload import RAN_DRY, Packet
 from drivers.theta_v.errors import ThetaGone, ThetaMalformed, ThetaRefused
 from drivers.theta_v.transport import usb1_api
 from drivers.theta_v.transport.base import GoneSink, PacketSink
+from drivers.theta_v.transport.microframes import HELD_UP, Listening, Pauses
 from drivers.theta_v.transport.usb1_api import Handle, Transfer
 
 REAP_S = 2.0  # cancelled transfers come back within a microframe or two
@@ -57,6 +58,7 @@ class VideoTransfers:
         self._isochronous = endpoint.kind == ISOCHRONOUS
         if self._isochronous:
             count, packets = queue.transfers, queue.packets
+            self._listening, self._pauses = Listening(count, packets), Pauses()
             self._transfer_bytes = packets * endpoint.max_packet_bytes
         else:
             # One transfer takes one payload: it ends with a short packet or when it is full.
@@ -69,11 +71,14 @@ class VideoTransfers:
         for transfer in self._transfers:
             fill = transfer.setIsochronous if self._isochronous else transfer.setBulk
             fill(endpoint.address, self._transfer_bytes, self._ended)
-        self._packet_bytes = endpoint.max_packet_bytes
+        self._packet_bytes, self._packets_each = endpoint.max_packet_bytes, packets
         self._tables = {id(t): usb1_api.iso_table(t) for t in self._transfers} if self._isochronous else {}
+        self._after_gap: set[int] = set()
+        """Transfers that were submitted too late: what came before they began is lost."""
         self._lock = threading.Lock()
         self._stopping = False
-        self._flying = 0
+        self._busy = 0
+        """Transfers in the air, and those whose callback is running."""
         self._all_down = threading.Event()
         self._errors = 0
 
@@ -95,13 +100,13 @@ class VideoTransfers:
         """Cancel and reap; blocks. After this the sink is not called any more."""
         with self._lock:
             self._stopping = True
-            if not self._flying:
+            if not self._busy:
                 self._all_down.set()
         for transfer in self._transfers:
             with contextlib.suppress(usb1_api.UsbError):  # it has come down already, or goes with the device
                 transfer.cancel()
         if not self._all_down.wait(REAP_S):
-            log.warning("the kernel keeps %d video transfers", self._flying)
+            log.warning("the kernel keeps %d video transfers", self._busy)
             return
         self._tables.clear()
         for transfer in self._transfers:
@@ -113,26 +118,25 @@ class VideoTransfers:
             if self._stopping:
                 return False
             transfer.submit()
-            self._flying += 1
+            self._busy += 1
             return True
 
     def _ended(self, transfer: Transfer) -> None:
         """In the event thread: copy, submit again, then hand on."""
-        with self._lock:
-            self._flying -= 1
-            if self._stopping:
-                # What comes after a cancel has begun is half a transfer at best.
-                if not self._flying:
-                    self._all_down.set()
-                return
-        stamp_ns = time.monotonic_ns()
+        reason = ""
         try:
-            reason = self._take(transfer, stamp_ns)
+            # What comes after a cancel has begun is half a transfer at best.
+            reason = "" if self._stopping else self._take(transfer, time.monotonic_ns())
         except usb1_api.UsbError as error:
             reason = str(usb1_api.translated(error, "video"))
         except Exception as error:  # libusb's callbacks would swallow it
             log.exception("a mistake of this driver ended the video")
             reason = f"the driver failed: {error!r}"
+        finally:
+            with self._lock:
+                self._busy -= 1
+                if self._stopping and not self._busy:
+                    self._all_down.set()
         if reason:
             self._on_dead(reason)
 
@@ -146,23 +150,33 @@ class VideoTransfers:
         if self._errors > MAX_ERRORS:
             return "the camera's video endpoint is dead; unplug and replug the camera"
         packets = self._packets(transfer, status)
+        if id(transfer) in self._after_gap:
+            self._after_gap.discard(id(transfer))
+            packets.insert(0, (RAN_DRY, b""))
+        if self._isochronous:
+            gap_ns = self._listening.gap(stamp_ns)
+            if gap_ns:
+                log.warning(HELD_UP, gap_ns / 1e6)
+                self._after_gap.add(id(transfer))
         self._submit(transfer)
         if packets:
             self._sink(stamp_ns, packets)
         return ""
 
     def _packets(self, transfer: Transfer, status: int) -> list[Packet]:
-        """Copies of what a transfer carried; empty microframes are left out."""
+        """Copies of what a transfer carried."""
         if not self._isochronous:
-            return [(status, bytes(transfer.getBuffer()[: transfer.getActualLength()]))]
+            payload = bytes(transfer.getBuffer()[: transfer.getActualLength()])
+            return [(status, payload)] if payload or status else []
         table = self._tables[id(transfer)]
+        carried: list[tuple[int, Packet]]
         if table is None:
-            return [(failed, data) for failed, data in transfer.iterISO() if data or failed]
-        found = np.flatnonzero(table[:, 1] | table[:, 2])
-        if not len(found):
-            return []
-        buffer, step = transfer.getBuffer(), self._packet_bytes
-        return [
-            (failed, bytes(buffer[slot * step : slot * step + length]))
-            for slot, (length, failed) in zip(found.tolist(), table[found, 1:].tolist(), strict=True)
-        ]
+            carried = [(slot, packet) for slot, packet in enumerate(transfer.iterISO()) if packet[0] or packet[1]]
+        else:
+            buffer, step = transfer.getBuffer(), self._packet_bytes
+            found = np.flatnonzero(table[:, 1] | table[:, 2])
+            carried = [
+                (slot, (failed, bytes(buffer[slot * step : slot * step + length])))
+                for slot, (length, failed) in zip(found.tolist(), table[found, 1:].tolist(), strict=True)
+            ]
+        return self._pauses.marked(carried, self._packets_each)

@@ -10,7 +10,14 @@ import time
 
 from drivers.theta_v.codec import usbip
 from drivers.theta_v.codec.descriptors import ISOCHRONOUS, Endpoint
-from drivers.theta_v.errors import ThetaError, ThetaGone, ThetaNotFound, ThetaTimeout, ThetaWrongDevice
+from drivers.theta_v.errors import (
+    ThetaError,
+    ThetaGone,
+    ThetaMalformed,
+    ThetaNotFound,
+    ThetaTimeout,
+    ThetaWrongDevice,
+)
 from drivers.theta_v.transport.base import (
     BULK_S,
     CLEAR_FEATURE,
@@ -30,7 +37,7 @@ DEFAULT_PORT = 3240  # IANA: usbip
 
 REAP_S = 2.0  # cancelled transfers come back within one round trip
 PACKETS_PER_URB = 32  # 4 ms of microframes: what batching may add to the latency of a picture
-URBS_IN_FLIGHT = 32  # 128 ms: survives a pause of the interpreter (fact sheet 5.2)
+URBS_IN_FLIGHT = 64  # 256 ms, as over libusb: survives a pause of the interpreter (fact sheet 5.2)
 
 log = logging.getLogger(__name__)
 
@@ -141,7 +148,12 @@ class UsbIpTransport(OpenedCamera):
         if endpoint.kind == ISOCHRONOUS:
             video = Video(endpoint.address, endpoint.max_packet_bytes, self._packets_per_urb, on_packets)
         else:
-            video = Video(endpoint.address, min(max(payload_bytes, 512), usbip.MAX_TRANSFER_BYTES), 0, on_packets)
+            # Whole packets, or a payload longer than announced would end the transfer as an error.
+            whole = max(endpoint.max_packet_bytes, 1)
+            length = -(-max(payload_bytes, whole) // whole) * whole
+            if length > usbip.MAX_TRANSFER_BYTES:
+                raise ThetaMalformed(f"the camera announces video payloads of {payload_bytes} bytes")
+            video = Video(endpoint.address, length, 0, on_packets)
         self._open_link().send(self._urbs.start_video(video, self._in_flight))
 
     async def stop_video(self) -> None:

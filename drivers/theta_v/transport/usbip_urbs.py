@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import itertools
+import logging
 import struct
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from drivers.theta_v.codec import usbip
-from drivers.theta_v.codec.payload import Packet
+from drivers.theta_v.codec.payload import RAN_DRY, Packet
 from drivers.theta_v.errors import ThetaError, ThetaGone, ThetaMalformed, ThetaStall
 from drivers.theta_v.transport.base import PacketSink
+from drivers.theta_v.transport.microframes import HELD_UP, Listening, Pauses
 
 MAX_URB_ERRORS = 32  # in a row: the endpoint is dead, do not resubmit for ever
+
+log = logging.getLogger(__name__)
 
 Settle = Callable[[bytes | ThetaError], None]
 """Told how a request ended; called in the connection's thread."""
@@ -43,6 +47,10 @@ class Video:
     """Per request; 0 for a bulk endpoint."""
     sink: PacketSink
     errors: int = 0
+    listening: Listening | None = None
+    pauses: Pauses = field(default_factory=Pauses)
+    after_gap: set[int] = field(default_factory=set)
+    """Requests that were made too late: what came before they began is lost."""
 
     @property
     def length(self) -> int:
@@ -82,7 +90,11 @@ class Urbs:
             if self._video is not None:
                 raise RuntimeError("video is running already")
             self._video = video
-            self._iso_request = usbip.iso_request(video.packets, video.packet_bytes) if video.packets else b""
+            if video.packets:
+                video.listening = Listening(count, video.packets)
+                self._iso_request = usbip.iso_request(video.packets, video.packet_bytes)
+            else:
+                self._iso_request = b""
             return b"".join(self._ask_video(video) for _ in range(count))
 
     def stop_video(self) -> tuple[list[int], bytes]:
@@ -137,7 +149,7 @@ class Urbs:
             with self._lock:
                 del self._pending[answer.sequence]
                 if pending.video and self._video is not None:
-                    again.append(self._ask_video(self._video))
+                    again.append(self._ask_video(self._video, now_ns))
             payload = data[at + usbip.HEADER_BYTES : end]
             if pending.settle is not None:
                 pending.settle(_outcome(pending, answer.status, bytes(payload)))
@@ -155,23 +167,31 @@ class Urbs:
         if video.errors > MAX_URB_ERRORS:
             raise ThetaGone("the camera's video endpoint is dead; unplug and replug the camera")
         if not video.packets:
-            return [(answer.status, payload)]
+            return [(answer.status, payload)] if answer.status or body else []
         table = np.frombuffer(payload[body:], ">u4").reshape(-1, 4)
-        if not body and not table[:, 3].any():
-            return []
         lengths = table[:, 2]
         if int(lengths.sum()) != body or int(lengths.max()) > video.packet_bytes:
             raise ThetaMalformed(f"the {self._server} sends packets that do not add up")
         found = np.flatnonzero(lengths | table[:, 3])
-        packets: list[Packet] = []
+        carried: list[tuple[int, Packet]] = []
         at = 0
-        for size, status in table[found, 2:4].astype(np.int32).tolist():
-            packets.append((status, payload[at : at + size]))
+        for slot, (size, status) in zip(found.tolist(), table[found, 2:4].astype(np.int32).tolist(), strict=True):
+            carried.append((slot, (status, payload[at : at + size])))
             at += size
+        packets = video.pauses.marked(carried, video.packets)
+        if answer.sequence in video.after_gap:
+            video.after_gap.discard(answer.sequence)
+            packets.insert(0, (RAN_DRY, b""))
         return packets
 
-    def _ask_video(self, video: Video) -> bytes:
+    def _ask_video(self, video: Video, now_ns: int | None = None) -> bytes:
+        """`now_ns` when a request is made because another ended."""
         sequence = next(self._sequence)
+        if now_ns is not None and video.listening is not None:
+            gap_ns = video.listening.gap(now_ns)
+            if gap_ns:
+                log.warning(HELD_UP, gap_ns / 1e6)
+                video.after_gap.add(sequence)
         self._pending[sequence] = Pending(True, video.length, video.packets, True, None, "video")
         endpoint = video.endpoint & 0x0F
         head = usbip.Submit(sequence, self._devid, True, endpoint, video.length, video.packets, interval=1)

@@ -34,6 +34,8 @@ class Machine:
         self.refusals: dict[str, type[Exception]] = {}
         """Errors to raise, by the name of the method that raises them."""
         self.calls: list[str] = []
+        self.loses_unheard = False
+        """Whether what the camera sends while no transfer is in flight is lost, as it is on a real bus."""
         self.loop_thread = threading.get_ident()
         self.lock = threading.RLock()
         self.owners: dict[int, FakeHandle] = {}
@@ -291,7 +293,11 @@ class FakeTransfer:
                 raise usb1.USBErrorIO  # so libusb reports the kernel's ENOMEM for isochronous transfers
             self.status, self.received, self.packets = None, bytearray(), []
             if self.kind == "isochronous":
-                self.begin_ns = max(handle.busy_until_ns, time.monotonic_ns())
+                now_ns = time.monotonic_ns()
+                unheard = (now_ns - handle.busy_until_ns) // MICROFRAME_NS
+                if handle.machine.loses_unheard and handle.busy_until_ns and unheard > 0:
+                    handle.port.isochronous(self.endpoint, unheard, handle.busy_until_ns)
+                self.begin_ns = max(handle.busy_until_ns, now_ns)
                 handle.busy_until_ns = self.begin_ns + self.iso_packets * MICROFRAME_NS
             handle.flying.append(self)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import ctypes
 import threading
+import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
@@ -12,8 +13,10 @@ import libusb_package
 import pytest
 import usb1
 
+from drivers.theta_v.codec.access_units import AccessUnit, AccessUnitTracker
 from drivers.theta_v.codec.descriptors import BULK, ISOCHRONOUS, Endpoint
-from drivers.theta_v.codec.payload import Packet
+from drivers.theta_v.codec.h264 import opens_stream
+from drivers.theta_v.codec.payload import Assembler, Packet
 from drivers.theta_v.codec.probe import Probe
 from drivers.theta_v.errors import (
     ThetaError,
@@ -91,6 +94,39 @@ async def test_packets_come_until_the_stream_is_stopped_and_none_after() -> None
             await until(lambda: len(seen) > count)
     assert threads == {"theta-usb"}
     assert b"".join(bytes(data[2:]) for _, data in seen).startswith(PICTURES[0] + PICTURES[1])
+
+
+async def test_what_the_camera_sent_while_this_process_was_held_up_is_known_to_be_lost() -> None:
+    """The queue of 16 ms runs dry in the middle of the stream, and the bus tells nobody."""
+    machine = Machine(SimulatedThetaV())
+    machine.loses_unheard = True
+    assembler, tracker = Assembler(opens=opens_stream), AccessUnitTracker()
+    units: list[AccessUnit] = []
+    held_up = threading.Event()
+
+    def sink(stamp_ns: int, packets: list[Packet]) -> None:
+        for unit in assembler.feed(stamp_ns, packets):
+            picture = tracker.feed(unit)
+            if picture is not None:
+                units.append(picture)
+        if len(units) > 12 and not held_up.is_set():
+            held_up.set()
+            time.sleep(0.2)  # the event thread itself: nothing is submitted meanwhile
+
+    async with opened(machine) as transport:
+        await negotiated(transport)
+        await transport.start_video(VIDEO, 3072, sink)
+        with Feeder(machine.camera, PICTURES):
+            await until(lambda: len(units) > 40)
+    clean = [unit.raw for unit in units if not unit.tainted]
+    assert any("USB packet lost" in unit.taint for unit in units)
+    assert set(clean) <= set(PICTURES)
+    sound = -1
+    for unit in units:
+        if not unit.tainted:
+            index = PICTURES.index(unit.raw)
+            assert unit.keyframe or index == sound + 1, "what it builds upon was lost"
+            sound = index
 
 
 async def test_a_kernel_without_memory_for_the_queue_is_reported_with_the_remedy() -> None:

@@ -6,8 +6,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.theta_v.codec.payload import EOF, EOH, ERR, MAX_UNIT_BYTES, Assembler, Flaw, Packet, Quality, Unit
+from drivers.theta_v.codec.payload import (
+    EOF,
+    EOH,
+    ERR,
+    HABIT_UNITS,
+    MAX_UNIT_BYTES,
+    USES_EOF,
+    USES_FID,
+    Assembler,
+    Flaw,
+    Packet,
+    Quality,
+    Unit,
+)
 from drivers.theta_v.simulator.packetiser import packetise
+from drivers.theta_v.transport.microframes import NOTHING
 
 SIZES = (1, 3069, 3070, 3071, 6140, 2 << 20)
 PREAMBLE = packetise(b"swallowed while joining", 1)
@@ -132,6 +146,44 @@ def test_stamps_are_those_of_the_batches_with_the_first_and_the_last_byte() -> N
     assembler.feed(20, [(0, packets[1])])
     (unit,) = assembler.feed(30, [(0, packets[2])])
     assert (unit.first_ns, unit.stamp_ns) == (10, 30)
+
+
+def test_an_empty_microframe_inside_a_frame_tells_of_a_vanished_packet() -> None:
+    packets: list[Packet] = [(0, p) for p in packetise(b"a" * 9000, 0)]
+    (unit,) = assemble([*packets[:1], NOTHING, *packets[2:]])
+    assert unit.flaws == Flaw.PAUSE
+    split_end: list[Packet] = [(0, p) for p in packetise(b"a" * 3070, 0, end_in_data=False)]
+    (unit,) = assemble([split_end[0], NOTHING, split_end[1]])
+    assert unit.flaws == Flaw.PAUSE
+
+
+def test_empty_microframes_between_frames_tell_nothing() -> None:
+    a, b = ([(0, p) for p in packetise(x * 9000, i)] for i, x in enumerate((b"a", b"b")))
+    assert [u.flaws for u in assemble([NOTHING, *a, NOTHING, *b, NOTHING])] == [Flaw.NONE, Flaw.NONE]
+
+
+def test_a_camera_that_always_pauses_is_not_judged_by_it() -> None:
+    frames = [[(0, p) for p in packetise(b"a" * 9000, i & 1)] for i in range(200)]
+    paused = [[f[0], NOTHING, *f[1:]] for f in frames]
+    units = assemble([packet for frame in paused for packet in frame])
+    assert [bool(u.flaws) for u in units] == [True] * (HABIT_UNITS - 1) + [False] * (201 - HABIT_UNITS)
+    calm = assemble([packet for at, f in enumerate(frames) for packet in (f if at % 10 else paused[at])])
+    assert sum(bool(u.flaws) for u in calm) == 20, "one that pauses now and then is"
+
+
+def test_a_camera_that_announces_no_end_of_frame_is_judged_by_the_toggle_alone() -> None:
+    frames = [packetise(bytes([i]) * 4000, i & 1) for i in range(4)]
+    endless: list[Packet] = [(0, bytes([p[0], p[1] & ~EOF]) + p[2:]) for frame in frames for p in frame]
+    held_to_its_word = Assembler(framing=USES_FID | USES_EOF).feed(0, endless)
+    assert [u.quality for u in held_to_its_word] == [Quality.SUSPECT] * 2
+    assert [u.quality for u in Assembler(framing=USES_FID).feed(0, endless)] == [Quality.CLEAN] * 2
+
+
+def test_a_camera_that_toggles_no_frame_bit_is_judged_by_the_end_alone() -> None:
+    still: list[Packet] = [(0, p) for i in range(4) for p in packetise(bytes([i]) * 4000, 0)]
+    assert [u.follows_loss for u in Assembler(framing=USES_FID | USES_EOF).feed(0, still)] == [True] * 3
+    units = Assembler(framing=USES_EOF).feed(0, still)
+    assert [(u.data[0], u.quality, u.follows_loss) for u in units] == [(i, Quality.CLEAN, False) for i in (1, 2, 3)]
 
 
 units_lists = st.lists(st.binary(min_size=1, max_size=60), min_size=1, max_size=12)

@@ -1,0 +1,57 @@
+"""What the packets of isochronous transfers do not say themselves: where nothing came, and when nobody listened."""
+
+from __future__ import annotations
+
+from drivers.theta_v.codec.payload import Packet
+from drivers.theta_v.transport.base import MICROFRAME_NS
+
+NOTHING: Packet = (0, b"")
+
+HELD_UP = "this computer was held up, and for %.0f ms nobody listened to the camera: pictures are lost"
+
+RECOVERY = 64  # part of a transfer by which the estimate may catch up with each: far more than clocks drift
+
+
+class Pauses:
+    """Fed the transfers of one stream in order, puts one empty packet wherever microframes were empty."""
+
+    def __init__(self) -> None:
+        self._empty = False
+
+    def marked(self, packets: list[tuple[int, Packet]], count: int) -> list[Packet]:
+        """The packets of a transfer of `count` microframes, each behind its number; none of them is empty and good."""
+        found: list[Packet] = []
+        following = 0
+        for slot, packet in packets:
+            if slot > following or self._empty:
+                found.append(NOTHING)
+                self._empty = False
+            found.append(packet)
+            following = slot + 1
+        self._empty = self._empty or following < count
+        return found
+
+
+class Listening:
+    """Whether transfers were in flight all the time.
+
+    A process that is held up longer than its transfers last leaves the camera without a listener. What it sends
+    then is lost, and no status tells of it: only the time shows. Kept is an estimate of when the last transfer
+    in flight ends.
+    """
+
+    def __init__(self, transfers: int, packets: int) -> None:
+        self._transfer_ns = packets * MICROFRAME_NS
+        self._queue_ns = transfers * self._transfer_ns
+        self._until_ns: int | None = None
+
+    def gap(self, now_ns: int) -> int:
+        """Nanoseconds for which nobody listened before the transfer that is submitted again at `now_ns`.
+
+        To be asked once for each. The transfers that were in flight meanwhile are whole.
+        """
+        until_ns = now_ns + self._queue_ns if self._until_ns is None else self._until_ns
+        gap_ns = max(0, now_ns - until_ns)
+        until_ns = max(until_ns, now_ns) + self._transfer_ns
+        self._until_ns = min(until_ns + self._transfer_ns // RECOVERY, now_ns + self._queue_ns)
+        return gap_ns
