@@ -204,6 +204,40 @@ class SafetySection(_Section):
         return self
 
 
+class PageSection(_Section):
+    listen: str = Field(
+        "127.0.0.1", description="Address of the page; any but loopback needs TLS, and asks for a token"
+    )
+    port: int = Field(8360, ge=0, le=65535, description="Port of the page; 0 takes a free one")
+    names: tuple[Annotated[str, Field(min_length=1, max_length=253)], ...] = Field(
+        (), max_length=16, description="What browsers call the robot: its host name, its addresses"
+    )
+    certificate: str = Field("", description="PEM file; `ghal360 tls init` makes one")
+    key: str = Field("", description="PEM file of its private key")
+    token_file: Path = Field(
+        Path("~/.config/ghal360/page-tokens.json"), description="Made with new tokens where it is missing; mode 0600"
+    )
+    ask_token: bool = Field(False, description="Ask for the token on loopback as well")
+    viewers: int = Field(8, ge=1, le=32, description="Pages that may be open at once")
+    small_codec: Literal["none", "libx264", "h264_vaapi", "h264_nvenc", "h264_qsv", "h264_v4l2m2m"] = Field(
+        "none", description="Encoder of a second, smaller stream for slow links; libx264 takes half a core at 2K"
+    )
+    small_width: int = Field(1280, ge=320, le=3840, description="Pixels")
+    small_kbps: int = Field(1500, ge=100, le=40_000)
+    small_hz: float = Field(15.0, ge=1, le=30)
+
+    @model_validator(mode="after")
+    def _guarded(self) -> PageSection:
+        if bool(self.certificate) != bool(self.key):
+            raise ValueError("certificate and key belong together: name both")
+        if self.listen not in {"127.0.0.1", "::1", "localhost"} and not self.certificate:
+            raise ValueError(
+                f"listen = {self.listen} can be reached from outside, which needs TLS: "
+                "`ghal360 tls init` makes a certificate and key"
+            )
+        return self
+
+
 class LogbookSection(_Section):
     directory: Path = Field(Path("runs"), description="Each run makes a folder in here")
 
@@ -221,6 +255,7 @@ class RobotConfig(_Section):
     guidance: GuidanceSection = GuidanceSection()
     intent: IntentSection = IntentSection()
     safety: SafetySection = SafetySection()
+    page: PageSection = PageSection()
     logbook: LogbookSection = LogbookSection()
 
     @model_validator(mode="after")

@@ -174,6 +174,22 @@ class OperatorInput:
 
 
 @dataclass(frozen=True, slots=True)
+class Received:
+    """A wish of a remote operator as it came in, and whether it counts; for the recording."""
+
+    stamp_ns: int
+    sent_ns: int
+    """When it was sent, by the page's idea of this machine's clock."""
+    holder: str
+    sequence: int
+    verdict: str
+    """`taken`, or why not."""
+    deadman: bool
+    stick: tuple[float, float] | None = None
+    """Shares of the most that the robot may do."""
+
+
+@dataclass(frozen=True, slots=True)
 class Command:
     """A velocity somebody asks for; `source` is one of the mux's (teleop, autonomy, test)."""
 

@@ -36,8 +36,10 @@ from ghal360_robot.safety.chain import SafetyState
 from ghal360_robot.systemd import Notifier
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
+    from drivers.theta_v.codec.access_units import AccessUnit
     from ghal360_robot.config import RobotConfig
     from ghal360_robot.messages import Applied, Decision, Detections, Inputs, LinkStats
 
@@ -65,10 +67,18 @@ class Operator(Protocol):
 class Robot:
     """A robot of this configuration. `await run(stop)` from start to finish; the rest is for looking at it."""
 
-    def __init__(self, config: RobotConfig, operator: Operator | None, record_to: Path) -> None:
+    def __init__(
+        self,
+        config: RobotConfig,
+        operator: Operator | None,
+        record_to: Path,
+        audience: Callable[[AccessUnit], None] | None = None,
+    ) -> None:
+        """`audience` is given every access unit on the camera's thread, and has to return at once."""
         self.config = config
         self.operator = operator
         self.record_to = record_to
+        self.audience = audience
         self.board: Board = make_board(config, operator.rate_hz if operator else 20.0)
         self.detector = make_detector(config.perception.detector)
         self.recorder: Recorder
@@ -125,7 +135,7 @@ class Robot:
         self._worker = worker
         base = BaseOutput(config.rmp110, config.safety, board, self.recorder)
         lidar = LidarInput(config.tim571, board, self.recorder)
-        camera = CameraInput(config.theta, self.recorder, decoder)
+        camera = CameraInput(config.theta, self.recorder, decoder, self.audience)
         self.inputs = (camera, lidar, base)
         for device in self.inputs:  # left in reverse order: the base comes to a stop first
             await device.enter(stack)

@@ -43,11 +43,11 @@ def run(
 ) -> None:
     """Run the robot until SIGTERM, Ctrl-C or the end of --duration.
 
+    With `--operator page` it serves the telepresence page and says at which address.
+
     Example: ghal360 run --sim --operator virtual --target backpack --duration 60
     """
     config = load_config(config_path)
-    if operator is OperatorKind.PAGE:
-        raise UsageError("the telepresence page is not in this version: use --operator virtual (with --sim) or none")
     simulated_only = {
         "--operator virtual": operator is OperatorKind.VIRTUAL,
         "--camera-images": camera_images is not None,
@@ -83,6 +83,7 @@ def run(
             until_found=False,
             record_to=record or config.logbook.directory,
             quiet=as_json,
+            page=operator is OperatorKind.PAGE,
         )
     )
     if as_json:

@@ -19,9 +19,11 @@ from rich.table import Table
 from ghal360_robot.cli.status import status
 from ghal360_robot.cli.terminal import log_lines, status_line
 from ghal360_robot.config import with_overrides
-from ghal360_robot.robot import Robot
+from ghal360_robot.robot import Operator, Robot
 from ghal360_robot.simulation.remote_operator import RemoteOperator
 from ghal360_robot.simulation.session import SimulatedHardware, SimulationError
+from ghal360_robot.telepresence.operator import PageOperator
+from ghal360_robot.telepresence.settings import PageSettings
 
 if TYPE_CHECKING:
     from ghal360_robot.config import RobotConfig
@@ -47,6 +49,8 @@ class Session:
     record_to: Path
     quiet: bool
     """Nothing on the terminal but warnings and the last line."""
+    page: bool = False
+    """Whether the driver sits at the telepresence page."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +79,8 @@ async def _run(session: Session, console: Console) -> Ended:
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().add_signal_handler(number, interrupt)
     async with AsyncExitStack() as stack:
-        config, operator, hardware = session.config, None, None
+        config, hardware = session.config, None
+        operator: Operator | None = None
         if session.scenario is not None:
             if not session.quiet:
                 console.print(f"simulating the {session.scenario.world}, seed {session.scenario.seed} ...")
@@ -83,7 +88,10 @@ async def _run(session: Session, console: Console) -> Ended:
             config = simulated(config, hardware)
             if session.virtual_operator:
                 operator = RemoteOperator(hardware)
-        robot = Robot(config, operator, session.record_to)
+        page = await stack.enter_async_context(PageOperator(PageSettings.of(config))) if session.page else None
+        if page is not None:
+            console.print(f"the page is at {page.url}", highlight=False, soft_wrap=True)
+        robot = Robot(config, page or operator, session.record_to, None if page is None else page.offer)
         if hardware is not None:
             hardware.record_into(robot)
         watching = asyncio.create_task(_watch(session, robot, hardware, stop, console), name="watch")

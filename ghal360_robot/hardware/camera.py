@@ -13,6 +13,8 @@ from drivers.theta_v.transport.usbip import UsbIpTransport
 from ghal360_robot.hardware.link_stats import link_stats
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from drivers.theta_v.codec.access_units import AccessUnit
     from ghal360_robot.config import ThetaSection
     from ghal360_robot.logbook.recorder import Recorder
@@ -34,8 +36,15 @@ class CameraInput:
 
     name = "theta"
 
-    def __init__(self, config: ThetaSection, recorder: Recorder, decoder: PictureDecoder) -> None:
+    def __init__(
+        self,
+        config: ThetaSection,
+        recorder: Recorder,
+        decoder: PictureDecoder,
+        audience: Callable[[AccessUnit], None] | None = None,
+    ) -> None:
         self._decoder = decoder
+        self._audience = audience
         self._recorder = recorder
         self._camera = ThetaV(
             transport_factory(config),
@@ -56,3 +65,5 @@ class CameraInput:
 
     def _record(self, unit: AccessUnit) -> None:
         self._recorder.access_unit(unit.stamp_ns, unit.raw, unit.sequence, unit.keyframe, unit.tainted)
+        if self._audience is not None:
+            self._audience(unit)

@@ -113,6 +113,19 @@ OPERATOR_COMMAND = Table(
 )
 """`stick` is v, w or empty; `presses` are arm, disarm, estop, found."""
 
+OPERATOR_RECEIVED = Table(
+    "operator/received",
+    (
+        own("Received", "holder", TEXT, sparse=True),
+        own("Received", "sequence", I64),
+        own("Received", "sent_ns", I64),
+        own("Received", "verdict", TEXT, sparse=True),
+        own("Received", "deadman", BOOL),
+        own("Received", "stick", F64),
+    ),
+)
+"""Every wish of a remote operator as it came in; those that counted are in `operator/command` as well."""
+
 SCENE_WEDGES = Table("scene/wedges", (SCALARS,), on_change=True, keepalive_ns=KEEPALIVE_NS)
 GUIDANCE_CUE = Table("guidance/cue", (STATE, own("Cue", "target_yaw", F64)), on_change=True, keepalive_ns=KEEPALIVE_NS)
 GUIDANCE_Q = Table("guidance/q", (SCALARS,), on_change=True, keepalive_ns=KEEPALIVE_NS)
@@ -205,6 +218,7 @@ ORDER = (
     TF_BASE,
     OPERATOR_HEAD,
     OPERATOR_COMMAND,
+    OPERATOR_RECEIVED,
     WORLD_MAP,
     WORLD_TARGET,
     SIM_TRUTH,

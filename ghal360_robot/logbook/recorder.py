@@ -35,6 +35,7 @@ if TYPE_CHECKING:
         LinkStats,
         OperatorInput,
         Pose2,
+        Received,
     )
 
 # systemd and the person at the robot both wait for this one.
@@ -150,6 +151,10 @@ class Recorder:
 
     def operator(self, message: OperatorInput) -> None:
         self._put("operator/command", partial(rows.operator, message))
+
+    def received(self, wish: Received) -> None:
+        """A wish of a remote operator as it came in, counted or not."""
+        self._put("operator/received", partial(rows.received, wish))
 
     def tick(self, inputs: Inputs, decision: Decision, applied: Applied, lateness_ms: float, work_ms: float) -> None:
         """What one control tick saw, decided and did, and how late it was."""

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         LinkStats,
         OperatorInput,
         Pose2,
+        Received,
     )
 
 # Boxes are drawn over a stream of this size.
@@ -147,6 +148,12 @@ def operator(message: OperatorInput) -> Iterator[Row]:
     yield Row(entities.OPERATOR_HEAD, message.stamp_ns, (head,))
     values = (head, [message.deadman], stick, presses, [message.holder], [message.latency_s])
     yield Row(entities.OPERATOR_COMMAND, message.stamp_ns, values)
+
+
+def received(wish: Received) -> Iterator[Row]:
+    stick = [] if wish.stick is None else list(wish.stick)
+    values = ([wish.holder], [wish.sequence], [wish.sent_ns], [wish.verdict], [wish.deadman], stick)
+    yield Row(entities.OPERATOR_RECEIVED, wish.stamp_ns, values)
 
 
 def link(stamp_ns: int, device: str, stats: LinkStats) -> Iterator[Row]:

@@ -124,10 +124,6 @@ def test_simulation_options_without_simulation(one_sentence: Callable[..., None]
     one_sentence(["run", "--operator", "virtual", "--record", tmp_path], 2, "--sim")
 
 
-def test_the_page_is_not_in_this_version(one_sentence: Callable[..., None]) -> None:
-    one_sentence(["run", "--sim", "--operator", "page"], 2, "not in this version")
-
-
 @pytest.mark.parametrize("words", [["run", "--nonsense"], ["fly"], ["simulate", "tim571", "--dialect", "c"]])
 def test_a_wrong_command_line_is_exit_2(command: Callable[..., Ran], words: list[str]) -> None:
     ran = command(*words)
