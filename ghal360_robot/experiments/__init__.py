@@ -1,0 +1,1 @@
+"""The paper's experiments and ours: training curves, target searches, their tables and figures."""

@@ -1,0 +1,121 @@
+"""Where the target may be, from detections that miss and invent: Bayes over eight wedges and "not in view".
+
+Detections of neighbouring pictures say nearly the same thing, so an update is tempered by the time since
+the last one. Guidance acts on the expectation of its values over the belief, and asks to confirm only
+where it is nearly sure. Arrays may have any leading shape, so that thousands of searches share a call.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ghal360_robot.guidance.egocentric import N_WEDGES
+from ghal360_robot.guidance.mdp import CONFIRM, LEFT, N_CLUTTER, RIGHT
+
+SURE = 0.97
+"""Belief at which the operator may be asked to confirm: one wrong question in thirty at most."""
+NOT_IN_VIEW = N_WEDGES
+WAIT = 3
+"""Beside LEFT, RIGHT, CONFIRM: show nothing and look again."""
+
+_MASKS = np.arange(N_CLUTTER)[:, None] >> np.arange(N_WEDGES) & 1
+
+
+@dataclass(frozen=True, slots=True)
+class DetectorModel:
+    """How far a detector is to be trusted, and how quickly what it saw grows old."""
+
+    hit_rate: float = 0.8
+    """Chance that the target is reported in its wedge."""
+    false_rate: float = 0.05
+    """Chance that a wedge without it reports it."""
+    correlation_s: float = 0.5
+    """Looks closer in time say the same thing twice."""
+    fade_s: float = 20.0
+    """How long it takes until the target, or the robot, may be somewhere else altogether."""
+    spread_per_m: float = 0.10
+    """Share of a wedge's belief that goes to each neighbour for every metre driven."""
+    prior_in_view: float = 0.5
+    """Chance that the target is in view before anything was seen."""
+    sure: float = SURE
+
+    def __post_init__(self) -> None:
+        if not 0 < self.false_rate < self.hit_rate < 1:
+            raise ValueError("A detector has to report the target more often where it is than where it is not.")
+        if not (self.correlation_s > 0 and self.fade_s > 0 and self.spread_per_m >= 0):
+            raise ValueError("The times of a detector model must be positive, its spread not negative.")
+        if not (0 < self.prior_in_view < 1 and 0.5 < self.sure < 1):
+            raise ValueError("A prior lies between 0 and 1, and nobody is sure below one half or at 1.")
+
+    @property
+    def prior(self) -> NDArray[np.float64]:
+        """(9,) belief before anything was seen."""
+        each = self.prior_in_view / N_WEDGES
+        return np.array([each] * N_WEDGES + [1 - self.prior_in_view])
+
+
+def predict(
+    model: DetectorModel, belief: NDArray[np.float64], dt_s: float, moved_m: float = 0.0
+) -> NDArray[np.float64]:
+    """(..., 9) the belief after `dt_s` seconds and `moved_m` metres without a look."""
+    share = min(model.spread_per_m * max(moved_m, 0.0), 1 / 3)
+    wedges = belief[..., :NOT_IN_VIEW]
+    if share:
+        wedges = (1 - 2 * share) * wedges + share * (np.roll(wedges, 1, axis=-1) + np.roll(wedges, -1, axis=-1))
+    keep = math.exp(-max(dt_s, 0.0) / model.fade_s)
+    later = np.concatenate([wedges, belief[..., NOT_IN_VIEW:]], axis=-1)
+    return keep * later + (1 - keep) * model.prior
+
+
+def update(
+    model: DetectorModel, belief: NDArray[np.float64], seen: NDArray[np.bool_], dt_s: float
+) -> NDArray[np.float64]:
+    """(..., 9) the belief after a look that reported the target in the wedges `seen` (..., 8).
+
+    `dt_s` is the time since the last look; after `correlation_s` it counts as a whole look of its own.
+    """
+    weight = min(max(dt_s, 0.0) / model.correlation_s, 1.0)
+    hit = weight * math.log(model.hit_rate / model.false_rate)
+    miss = weight * math.log((1 - model.hit_rate) / (1 - model.false_rate))
+    odds = np.exp(np.where(seen, hit, miss))
+    weighed = np.concatenate([belief[..., :NOT_IN_VIEW] * odds, belief[..., NOT_IN_VIEW:]], axis=-1)
+    after: NDArray[np.float64] = weighed / weighed.sum(axis=-1, keepdims=True)
+    return after
+
+
+def expected_values(
+    q: NDArray[np.float64], belief: NDArray[np.float64], clutter: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(..., 3) the values of LEFT, RIGHT, CONFIRM expected over where target and clutter may be.
+
+    `q` (2048, 3) is by `mdp.one_target_codes`; `belief` (..., 9) and `clutter` (..., 8), the chance that a
+    wedge is cluttered, are egocentric. Given that the target is in view: else there is nothing to point at.
+    """
+    masks = np.prod(np.where(_MASKS, clutter[..., None, :], 1 - clutter[..., None, :]), axis=-1)
+    wedges = belief[..., :NOT_IN_VIEW]
+    wedges = wedges / np.maximum(wedges.sum(axis=-1, keepdims=True), 1e-300)
+    table = q.reshape(N_WEDGES, N_CLUTTER, 3)
+    values: NDArray[np.float64] = np.einsum("...t,...m,tma->...a", wedges, masks, table, optimize=True)
+    return values
+
+
+def choose(
+    model: DetectorModel, q: NDArray[np.float64], belief: NDArray[np.float64], clutter: NDArray[np.float64]
+) -> NDArray[np.int64]:
+    """(...) LEFT, RIGHT, CONFIRM or WAIT for an egocentric belief (..., 9) and clutter chances (..., 8).
+
+    CONFIRM where it is sure; WAIT while the target is most likely in focus but not surely, or not in view.
+    """
+    values = expected_values(q, belief, clutter)
+    arrow = np.where(values[..., RIGHT] >= values[..., LEFT], RIGHT, LEFT)
+    unsure = np.isin(belief.argmax(axis=-1), (0, NOT_IN_VIEW))
+    return np.where(belief[..., 0] >= model.sure, CONFIRM, np.where(unsure, WAIT, arrow))
+
+
+def turned(belief: NDArray[np.float64], head_wedge: int) -> NDArray[np.float64]:
+    """(..., 9) a world's belief as seen from the head: wedge 0 is the one in focus."""
+    return np.concatenate([np.roll(belief[..., :NOT_IN_VIEW], -head_wedge, axis=-1), belief[..., NOT_IN_VIEW:]], -1)

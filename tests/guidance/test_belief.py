@@ -1,0 +1,133 @@
+"""Fusion of detections that miss and invent."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from ghal360_robot.guidance.belief import (
+    NOT_IN_VIEW,
+    SURE,
+    WAIT,
+    DetectorModel,
+    choose,
+    expected_values,
+    predict,
+    turned,
+    update,
+)
+from ghal360_robot.guidance.mdp import CONFIRM, LEFT, RIGHT, AbstractMdp, one_target_codes, one_target_index
+from ghal360_robot.guidance.planning import greedy, value_iteration
+
+MODEL = DetectorModel()
+Q = value_iteration(AbstractMdp().over(one_target_codes())).q
+LOOK_S = MODEL.correlation_s
+
+
+def sight(*wedges: int) -> np.ndarray:
+    seen = np.zeros(8, bool)
+    seen[list(wedges)] = True
+    return seen
+
+
+def certain(wedge: int) -> np.ndarray:
+    return np.eye(9)[wedge]
+
+
+@given(arrays(bool, (6, 8)), st.floats(0, 3))
+def test_a_belief_stays_a_distribution(looks: np.ndarray, dt_s: float) -> None:
+    belief = MODEL.prior
+    for seen in looks:
+        belief = update(MODEL, predict(MODEL, belief, dt_s, 0.3), seen, dt_s)
+        assert belief.sum() == pytest.approx(1)
+        assert np.all(belief > 0)
+
+
+def test_bayes_rule_by_hand() -> None:
+    model = DetectorModel(hit_rate=0.8, false_rate=0.05, prior_in_view=0.5)
+    after = update(model, model.prior, sight(3), LOOK_S)
+    hit, miss = 0.8 / 0.05, 0.2 / 0.95
+    total = 0.0625 * hit + 7 * 0.0625 * miss + 0.5
+    assert after[3] == pytest.approx(0.0625 * hit / total)
+    assert after[0] == pytest.approx(0.0625 * miss / total)
+    assert after[NOT_IN_VIEW] == pytest.approx(0.5 / total)
+
+
+def test_one_picture_is_not_enough_to_be_sure_and_a_second_of_them_is() -> None:
+    belief = MODEL.prior
+    looks = 0
+    while belief[0] < SURE:
+        belief = update(MODEL, predict(MODEL, belief, 0.25), sight(0), 0.25)
+        looks += 1
+    assert 3 <= looks <= 8
+
+
+def test_correlated_pictures_count_as_the_time_they_span() -> None:
+    fast = slow = MODEL.prior
+    for _ in range(10):
+        fast = update(MODEL, fast, sight(2), LOOK_S / 10)
+    slow = update(MODEL, slow, sight(2), LOOK_S)
+    assert fast == pytest.approx(slow)
+
+
+def test_what_is_not_seen_again_fades_and_driving_blurs_it() -> None:
+    belief = certain(4)
+    assert predict(MODEL, belief, 1e4) == pytest.approx(MODEL.prior)
+    moved = predict(MODEL, belief, 0.0, 1.0)
+    assert moved[3] == moved[5] == pytest.approx(0.1)
+    assert moved[4] == pytest.approx(0.8)
+    assert predict(MODEL, belief, 0.0) == pytest.approx(belief)
+
+
+def test_a_sure_belief_chooses_what_the_plan_would_in_every_state() -> None:
+    best = greedy(Q)
+    for target in range(1, 8):
+        for mask in range(256):
+            clutter = np.array([mask >> i & 1 for i in range(8)], float)
+            action = choose(MODEL, Q, certain(target), clutter)
+            values = Q[one_target_index(target, mask)]
+            assert values[action] >= values[best[one_target_index(target, mask)]] - 1e-9
+
+
+def test_it_asks_to_confirm_only_when_nearly_sure() -> None:
+    clutter = np.zeros(8)
+    for p, wanted in ((0.96, WAIT), (0.9701, CONFIRM)):
+        belief = np.full(9, (1 - p) / 8)
+        belief[0] = p
+        assert choose(MODEL, Q, belief, clutter) == wanted
+    assert choose(MODEL, Q, MODEL.prior, clutter) == WAIT
+    assert choose(MODEL, Q, certain(6), clutter) == LEFT
+
+
+def test_values_are_expected_over_target_and_clutter() -> None:
+    belief = np.zeros(9)
+    belief[2], belief[3] = 0.25, 0.75
+    clutter = np.zeros(8)
+    clutter[1] = 0.5
+    expected = sum(
+        weight * 0.5 * (Q[one_target_index(t, 0)] + Q[one_target_index(t, 2)]) for t, weight in ((2, 0.25), (3, 0.75))
+    )
+    assert expected_values(Q, belief, clutter) == pytest.approx(expected)
+
+
+def test_clutter_that_is_only_likely_still_turns_the_target_behind_away_from_it() -> None:
+    clutter = np.zeros(8)
+    clutter[1:4] = 0.7
+    assert choose(MODEL, Q, certain(4), clutter) == LEFT
+    assert choose(MODEL, Q, certain(4), clutter[::-1].copy()) == RIGHT
+
+
+def test_many_searches_share_a_call() -> None:
+    beliefs = np.stack([certain(0), certain(2), MODEL.prior])
+    chosen = choose(MODEL, Q, beliefs, np.zeros((3, 8)))
+    assert chosen.tolist() == [CONFIRM, RIGHT, WAIT]
+    assert turned(beliefs, 2)[1, 0] == 1
+
+
+def test_a_detector_that_makes_no_sense_is_refused() -> None:
+    for kwargs in ({"hit_rate": 0.01}, {"false_rate": 0.0}, {"correlation_s": 0.0}, {"prior_in_view": 1.0}):
+        with pytest.raises(ValueError, match=r"detector|prior"):
+            DetectorModel(**kwargs)
