@@ -1,73 +1,64 @@
-"""Rows waiting to be written, table by table, and their way into columns."""
+"""Rows waiting to be written, table by table, and what a reader need not be told again."""
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
-import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
-import rerun as rr
 
 from ghal360_robot.logbook import entities
-from ghal360_robot.logbook.table import Row, Table, encode, same
+from ghal360_robot.logbook.encoding import Encoder
+from ghal360_robot.logbook.table import Row, Table, same
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from ghal360_robot.logbook.clock import Anchor
 
-TIME, TICK = "t", "tick"
-
 # Everything that a value of the wrong kind can make Arrow, NumPy or Rerun raise.
 BAD_ROW = (pa.ArrowException, ValueError, TypeError, OverflowError, AttributeError, RuntimeError, LookupError)
 
 
-class ColumnSink(Protocol):
-    """The part of a recording stream that is needed here."""
-
-    def send_columns(
-        self, entity_path: str, indexes: list[rr.TimeColumn], columns: list[rr.ComponentColumn], *, strict: bool | None
-    ) -> None: ...
-
-
 class Batches:
-    """Collects rows per table and sends each table's rows as one batch with its own time columns.
+    """Collects rows per table and gives each table's rows as record batches with their own times and row ids.
 
     Nothing here touches Rerun's sticky clock: a row has exactly the times it was given.
     """
 
-    def __init__(self, sink: ColumnSink, anchor: Anchor) -> None:
-        self._sink = sink
-        self._anchor = anchor
+    def __init__(self, anchor: Anchor) -> None:
+        self._encoder = Encoder(anchor)
         self._rows: dict[Table, list[Row]] = {table: [] for table in entities.ORDER}
-        self._sent: dict[Table, Row] = {}
+        self._given: dict[Table, Row] = {}
         """What a reader of the file holds to be current."""
         self.failures: Counter[str] = Counter()
-        """Rows that could not be written, by entity, since the last `take_failures`."""
+        """Rows that could not be encoded, by entity, since the last `take_failures`."""
         self.failed = 0
-        self.written = 0
+        self.given = 0
         self.last_failure = ""
 
     def add(self, row: Row) -> None:
         self._rows.setdefault(row.table, []).append(row)
 
     def begin_anew(self) -> None:
-        """A new file begins: the next row of every table is written in full."""
-        self._sent.clear()
+        """Somebody begins to read here: the next row of every table is given in full."""
+        self._given.clear()
 
-    def flush(self, *, slow: bool = True) -> Iterator[Table]:
-        """Send table by table, the slow ones if `slow`; yields after each, to let other threads run.
+    def take(self) -> Iterator[tuple[Table, pa.RecordBatch]]:
+        """Everything that waits. `loop/inputs` comes last, so that a tick found in a file is whole.
 
-        `loop/inputs` goes last, so that a tick found in the file is whole.
+        A batch of pictures never goes on beyond the next key picture: what is dropped is dropped by groups.
         """
         waiting = sorted(self._rows, key=lambda table: table is entities.LOOP_INPUTS)
         for table in waiting:
             rows = self._rows[table]
-            if rows and (slow or not table.slow):
-                self._rows[table] = []
-                self._send(table, rows)
-                yield table
+            if not rows:
+                continue
+            self._rows[table] = []
+            for group in _groups(rows):
+                for batch in self._encode(table, group):
+                    yield table, batch
 
     def fail(self, entity: str, error: BaseException, rows: int = 1) -> None:
         self.failed += rows
@@ -78,42 +69,42 @@ class Batches:
         failures, self.failures = self.failures, Counter()
         return failures
 
-    def _send(self, table: Table, rows: Sequence[Row]) -> None:
-        """One batch, or halves of it until the bad row is found. What repeats is left out of what is sent.
+    def _encode(self, table: Table, rows: Sequence[Row]) -> Iterator[pa.RecordBatch]:
+        """One batch, or halves of it until the bad row is found. What repeats is left out.
 
-        A row leans only on rows that really were sent.
+        A row leans only on rows that really were given.
         """
-        thin, current = _thinned(rows, self._sent.get(table))
-        if not thin:
-            return
         try:
-            self._send_batch(table, thin)
+            thin, current = _thinned(rows, self._given.get(table))
+            if not thin:
+                return
+            batch = self._encoder.encode(table, thin)
         except BAD_ROW as error:
             if len(rows) == 1:
                 self.fail(table.entity, error)
                 return
             middle = len(rows) // 2
-            self._send(table, rows[:middle])
-            self._send(table, rows[middle:])
+            yield from self._encode(table, rows[:middle])
+            yield from self._encode(table, rows[middle:])
         else:
-            self._sent[table] = current
-            self.written += len(thin)
+            self._given[table] = current
+            self.given += len(thin)
+            yield batch
 
-    def _send_batch(self, table: Table, rows: Sequence[Row]) -> None:
-        stamps = np.array([self._anchor.to_wall(row.stamp_ns) for row in rows], np.int64)
-        indexes = [rr.TimeColumn(TIME, timestamp=stamps.astype("datetime64[ns]"))]
-        if rows[0].tick is not None:
-            indexes.append(rr.TimeColumn(TICK, sequence=pa.array([row.tick for row in rows])))
-        columns = []
-        for k, column in enumerate(table.columns):
-            values = [row.values[k] for row in rows]
-            if any(value is not None for value in values):
-                columns.append(encode(column, values))
-        self._sink.send_columns(table.entity, indexes, columns, strict=True)
+
+def is_key(row: Row) -> bool:
+    """Whether a row of video begins a group of pictures."""
+    return row.table is entities.THETA_VIDEO and row.values[entities.KEYFRAME] is not None
+
+
+def _groups(rows: list[Row]) -> Iterator[list[Row]]:
+    starts = [0, *(k for k, row in enumerate(rows) if k and is_key(row)), len(rows)]
+    for begin, end in itertools.pairwise(starts):
+        yield rows[begin:end]
 
 
 def _thinned(rows: Sequence[Row], current: Row | None) -> tuple[list[Row], Row]:
-    """The rows to send, given what a reader holds to be current; and what it will hold after them."""
+    """The rows to give, given what a reader holds to be current; and what it will hold after them."""
     thin: list[Row] = []
     for row in rows:
         if current is None:

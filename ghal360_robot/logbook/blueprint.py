@@ -20,37 +20,57 @@ def _plot(name: str, *entities: str) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(name=name, origin="/", contents=[f"+ /{e}" for e in entities], time_ranges=[_recent()])
 
 
-def operator_blueprint() -> rrb.Blueprint:
-    """Panorama with boxes, the world in 3D, decisions, states, speeds, timing and text."""
-    seen = rrb.Vertical(
-        rrb.Spatial2DView(name="Panorama", origin="/theta/video", contents=["+ /theta/video", "+ /theta/objects"]),
-        rrb.Spatial3DView(
-            name="World",
-            origin="/",
-            contents=["+ /lidar/scan", "+ /tf/**", "+ /world/**", "+ /sim/truth"],
-            spatial_information=rrb.SpatialInformation(target_frame="odom"),
-            line_grid=True,
-        ),
-        row_shares=[1, 1],
+def _panorama() -> rrb.Spatial2DView:
+    return rrb.Spatial2DView(
+        name="Panorama, objects, wedges from the gaze, the operator's view and cue",
+        origin="/theta/video",
+        contents=["+ /theta/video", "+ /theta/objects", "+ /theta/wedges", "+ /theta/view"],
     )
+
+
+def _world() -> rrb.Spatial3DView:
+    driven = rrb.VisibleTimeRanges(
+        rrb.VisibleTimeRange(
+            "t", start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative(seconds=0)
+        )
+    )
+    return rrb.Spatial3DView(
+        name="Scan, map, path, target, gaze",
+        origin="/",
+        contents=["+ /lidar/scan", "+ /tf/**", "+ /world/**", "+ /sim/truth"],
+        overrides={"world/trail": driven},
+        spatial_information=rrb.SpatialInformation(target_frame="odom"),
+        line_grid=True,
+    )
+
+
+def operator_blueprint() -> rrb.Blueprint:
+    """Panorama with boxes, wedges and cue; the world in 3D; belief and values as bars; states; speeds; timing; text."""
+    seen = rrb.Vertical(_panorama(), _world(), row_shares=[1, 1])
     decided = rrb.Vertical(
         rrb.StateTimelineView(
             name="States",
             origin="/",
             contents=["+ /state/**", "+ /guidance/cue", "+ /intent/intention"],
         ),
+        rrb.Horizontal(
+            rrb.BarChartView(name="Belief: wedge 0 to 7", origin="/intent/bars"),
+            rrb.BarChartView(name="Q: left, right, confirm", origin="/guidance/bars"),
+        ),
         rrb.Tabs(
+            _plot("Speeds wanted, applied, measured", "cmd/wanted", "cmd/applied", "base/state"),
+            _plot("Loop timing", "loop/timing"),
             _plot("Intent belief", "intent/belief"),
             _plot("Guidance values", "guidance/q"),
             _plot("Wedges", "scene/wedges"),
             _plot("Operator's head", "operator/head"),
         ),
         rrb.Tabs(
-            _plot("Speeds wanted, applied, measured", "cmd/wanted", "cmd/applied", "base/state"),
-            _plot("Loop timing", "loop/timing"),
+            rrb.TextLogView(name="Why this speed", origin="/cmd/why", contents="/cmd/why"),
+            rrb.TextLogView(name="Log", origin="/log", contents=["+ /log/**", "+ /operator/refused"]),
+            active_tab="Log",
         ),
-        rrb.TextLogView(name="Log", origin="/log", contents="/log/**"),
-        row_shares=[2, 3, 3, 2],
+        row_shares=[2, 2, 3, 2],
     )
     return rrb.Blueprint(
         rrb.Horizontal(seen, decided, column_shares=[3, 2]),

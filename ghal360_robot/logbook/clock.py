@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
+import ctypes.util
 import time
 from dataclasses import dataclass
 
@@ -37,3 +39,37 @@ class Anchor:
 
     def to_monotonic(self, wall_ns: int) -> int:
         return wall_ns - self.offset_ns
+
+
+class _Timex(ctypes.Structure):
+    """`struct timex` of Linux; what is read here, and room for the rest (man adjtimex)."""
+
+    _fields_ = (
+        ("modes", ctypes.c_uint),
+        ("offset", ctypes.c_long),
+        ("freq", ctypes.c_long),
+        ("maxerror_us", ctypes.c_long),
+        ("esterror_us", ctypes.c_long),
+        ("status", ctypes.c_int),
+        ("rest", ctypes.c_long * 32),
+    )
+
+
+TIME_ERROR = 5
+"""What adjtimex returns for a clock that nobody synchronizes."""
+
+
+def clock_quality() -> dict[str, object]:
+    """How far the wall clock is to be trusted, as the kernel sees it; `synchronized` is None where it does not say."""
+    state = _Timex()
+    try:
+        returned = ctypes.CDLL(ctypes.util.find_library("c"), use_errno=True).adjtimex(ctypes.byref(state))
+    except (OSError, AttributeError):
+        return {"synchronized": None}
+    if returned < 0:
+        return {"synchronized": None}
+    return {
+        "synchronized": returned != TIME_ERROR,
+        "max_error_s": state.maxerror_us / 1e6,
+        "estimated_error_s": state.esterror_us / 1e6,
+    }

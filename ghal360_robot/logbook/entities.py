@@ -8,7 +8,23 @@ import re
 import pyarrow as pa  # type: ignore[import-untyped]
 import rerun as rr
 
-from ghal360_robot.logbook.table import BLOB, BOOL, F32, F64, I64, TEXT, U8, U16, U32, Column, Table, own, vector
+from ghal360_robot.logbook.table import (
+    BLOB,
+    BOOL,
+    F32,
+    F64,
+    I64,
+    TENSOR,
+    TEXT,
+    U8,
+    U16,
+    U32,
+    Column,
+    Table,
+    own,
+    strips,
+    vector,
+)
 
 # An unchanged row is repeated this often, so that a lost row cannot mislead a reader for long.
 KEEPALIVE_NS = 5_000_000_000
@@ -47,7 +63,11 @@ THETA_VIDEO = Table(
         own("AccessUnit", "tainted", BOOL),
         own("AccessUnit", "latency_ns", I64),
     ),
+    direct=True,
 )
+KEYFRAME = 1
+KEYFRAME_COLUMN = THETA_VIDEO.columns[KEYFRAME].name
+
 THETA_OBJECTS = Table(
     "theta/objects",
     (
@@ -97,8 +117,8 @@ BASE_STATE = Table(
 )
 """Scalars are v, w, battery in percent; `covariance` is xx, xy, x yaw, yy, y yaw, yaw yaw of the pose."""
 
-TF_BASE = Table("tf/base", TRANSFORM, slow=True)
-OPERATOR_HEAD = Table("operator/head", (SCALARS,), slow=True)
+TF_BASE = Table("tf/base", TRANSFORM)
+OPERATOR_HEAD = Table("operator/head", (SCALARS,))
 """Scalars are yaw, pitch, horizontal field of view."""
 OPERATOR_COMMAND = Table(
     "operator/command",
@@ -125,6 +145,12 @@ OPERATOR_RECEIVED = Table(
     ),
 )
 """Every wish of a remote operator as it came in; those that counted are in `operator/command` as well."""
+
+OPERATOR_REFUSED = Table(
+    "operator/refused",
+    (Column(rr.TextLog.descriptor_text(), TEXT), Column(rr.TextLog.descriptor_level(), TEXT)),
+)
+"""Messages that were not taken in: who claims to have sent them, and why they were refused."""
 
 SCENE_WEDGES = Table("scene/wedges", (SCALARS,), on_change=True, keepalive_ns=KEEPALIVE_NS)
 GUIDANCE_CUE = Table("guidance/cue", (STATE, own("Cue", "target_yaw", F64)), on_change=True, keepalive_ns=KEEPALIVE_NS)
@@ -201,7 +227,49 @@ WORLD_MAP = Table(
         own("Map", "origin", F64),
         own("Map", "resolution_m", F64),
     ),
+    direct=True,
 )
+# What follows is drawn for the eye alone, from values that other entities keep exactly.
+THETA_WEDGES = Table(
+    "theta/wedges",
+    (
+        Column(rr.LineStrips2D.descriptor_strips(), strips(2)),
+        Column(rr.LineStrips2D.descriptor_colors(), U32),
+        Column(rr.LineStrips2D.descriptor_radii(), F32),
+    ),
+    on_change=True,
+    keepalive_ns=KEEPALIVE_NS,
+)
+THETA_VIEW = Table(
+    "theta/view",
+    (
+        Column(rr.Boxes2D.descriptor_centers(), vector(2)),
+        Column(rr.Boxes2D.descriptor_half_sizes(), vector(2)),
+        Column(rr.Boxes2D.descriptor_labels(), TEXT),
+        Column(rr.Boxes2D.descriptor_colors(), U32),
+    ),
+    on_change=True,
+    keepalive_ns=KEEPALIVE_NS,
+)
+WORLD_GAZE = Table(
+    "world/gaze",
+    (Column(rr.LineStrips3D.descriptor_strips(), strips(3)), Column(rr.LineStrips3D.descriptor_colors(), U32)),
+    on_change=True,
+    keepalive_ns=KEEPALIVE_NS,
+)
+WORLD_TRAIL = Table("world/trail", (POSITIONS,))
+CMD_WHY = Table(
+    "cmd/why",
+    (Column(rr.TextLog.descriptor_text(), TEXT), Column(rr.TextLog.descriptor_level(), TEXT)),
+    on_change=True,
+)
+INTENT_BARS = Table(
+    "intent/bars", (Column(rr.BarChart.descriptor_values(), TENSOR),), on_change=True, keepalive_ns=KEEPALIVE_NS
+)
+GUIDANCE_BARS = Table(
+    "guidance/bars", (Column(rr.BarChart.descriptor_values(), TENSOR),), on_change=True, keepalive_ns=KEEPALIVE_NS
+)
+
 WORLD_TARGET = Table("world/target", (POSITIONS, own("Target", "position", F64)), on_change=True)
 SIM_TRUTH = Table("sim/truth", (POSITIONS, own("Truth", "pose", F64)))
 

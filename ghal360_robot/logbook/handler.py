@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from ghal360_robot.logbook.recorder import Recorder
 
+# Marks what the recorder says of itself, which is in the recording already.
+RECORDED = {"in_recording": True}
+
 # A runaway message must not become the recording.
 MAX_TEXT = 4096
 
@@ -29,6 +32,8 @@ class LogbookHandler(logging.Handler):
         self._recorder = recorder
 
     def emit(self, record: logging.LogRecord) -> None:
+        if getattr(record, "in_recording", False):
+            return
         try:
             text = self.format(record)
         except (TypeError, ValueError, KeyError):

@@ -1,11 +1,11 @@
-"""The bounded queue between everyone who logs and the one thread that writes. Putting never waits."""
+"""The bounded queue between everyone who logs and one thread that takes. Putting never waits."""
 
 from __future__ import annotations
 
 import threading
 from collections import deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -37,7 +37,23 @@ class Entry:
         return self.size + ENTRY_BYTES
 
 
-class Mailbox:
+class Parcel(Protocol):
+    """What a mailbox wants to know of what it is given."""
+
+    @property
+    def weight(self) -> int: ...
+
+    @property
+    def video(self) -> bool: ...
+
+    @property
+    def keyframe(self) -> bool: ...
+
+
+P = TypeVar("P", bound=Parcel)
+
+
+class Mailbox(Generic[P]):
     """Video and the rest wait in separate lines, so that video can go first when there is no more room.
 
     Video is dropped by whole groups of pictures: a picture without its predecessors shows nothing.
@@ -47,8 +63,8 @@ class Mailbox:
         self._max_bytes = max_bytes
         self._max_entries = max_entries
         self._lock = threading.Lock()
-        self._rest: deque[Entry] = deque()
-        self._video: deque[Entry] = deque()
+        self._rest: deque[P] = deque()
+        self._video: deque[P] = deque()
         self._waiting_for_keyframe = False
         self._closed = False
         self.bytes = 0
@@ -58,7 +74,7 @@ class Mailbox:
     def __len__(self) -> int:
         return len(self._rest) + len(self._video)
 
-    def put(self, entry: Entry) -> bool:
+    def put(self, entry: P) -> bool:
         """Take `entry`, dropping video to make room; False where the entry itself had to be dropped."""
         with self._lock:
             if self._closed:
@@ -74,7 +90,7 @@ class Mailbox:
             self.bytes += entry.weight
             return True
 
-    def take(self, limit: int) -> list[Entry]:
+    def take(self, limit: int) -> list[P]:
         """Up to `limit` entries in the order they came, video first."""
         with self._lock:
             taken = [self._video.popleft() for _ in range(min(limit, len(self._video)))]
@@ -96,7 +112,13 @@ class Mailbox:
             self._rest.clear()
             self.bytes = 0
 
-    def _put_video(self, entry: Entry) -> bool:
+    def start_anew(self) -> None:
+        """Drop everything that still waits, and video until its next key picture."""
+        self.abandon()
+        with self._lock:
+            self._waiting_for_keyframe = True
+
+    def _put_video(self, entry: P) -> bool:
         if entry.keyframe:
             self._waiting_for_keyframe = False
         if self._waiting_for_keyframe or not self._fits(entry):
@@ -107,7 +129,7 @@ class Mailbox:
         self.bytes += entry.weight
         return True
 
-    def _fits(self, entry: Entry) -> bool:
+    def _fits(self, entry: P) -> bool:
         return self.bytes + entry.weight <= self._max_bytes and len(self) < self._max_entries
 
     def _drop_oldest_pictures(self) -> None:

@@ -1,19 +1,26 @@
-"""The file side of a run: numbered .rrd parts, and whether the current one still takes bytes."""
+"""The file side of a run: numbered .rrd parts with their write-ahead logs, and whether they still take bytes."""
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
+import time
 from typing import TYPE_CHECKING
 
 import rerun as rr
 
 from ghal360_robot.logbook.blueprint import operator_blueprint
+from ghal360_robot.logbook.encoding import chunk, identified
 from ghal360_robot.logbook.errors import RecordingNotWritableError
 from ghal360_robot.logbook.statics import log_statics
+from ghal360_robot.logbook.wal import SUFFIX, WriteAheadLog
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
     from pathlib import Path
+
+    import pyarrow as pa  # type: ignore[import-untyped]
 
     from ghal360_robot.logbook.statics import Run
 
@@ -25,79 +32,127 @@ FLUSH_BYTES = 32 << 20
 # A healthy writer answers a flush in about a millisecond; a slow disk may take longer, a dead one raises.
 PROBE_TIMEOUT_S = 0.5
 
-# Below this a new part would die at once, and the system with it.
-MIN_FREE_BYTES = 16 << 20
-
-# A trial this long does not fit into the last corner of a full disk.
-TRIAL_BYTES = 1 << 20
-
 
 class PartFile:
-    """Writes `part-NNN.rrd` in `folder`. Owned by the writer's thread once constructed."""
+    """Writes `part-NNN.rrd` and its log. Owned by the writer's thread once constructed."""
 
-    def __init__(self, folder: Path, application_id: str, run: Run) -> None:
-        self._folder = folder
+    def __init__(self, application_id: str, run: Run) -> None:
         self._run = run
-        self.number = -1
-        self.stream = rr.RecordingStream(
+        self._stream = rr.RecordingStream(
             application_id,
             recording_id=run.run_id,
             send_properties=False,
             batcher_config=rr.ChunkBatcherConfig(flush_tick=FLUSH_TICK_S, flush_num_bytes=FLUSH_BYTES),
         )
-        self.open_next()
+        self.number = -1
+        self.path: Path
+        self.opened_s = 0.0
+        self._wal: WriteAheadLog | None = None
+        self._held: int | None = None
+        """Our own hold on the file: what somebody removes under our hands can be put back."""
 
-    @property
-    def path(self) -> Path:
-        return self._folder / f"part-{self.number:03d}.rrd"
-
-    def open_next(self) -> None:
-        """Finish the current part, if any, and begin the next with everything static in it.
+    def open_next(self, folder: Path) -> None:
+        """Finish the current part, if any, and begin the next in `folder` with everything static in it.
 
         Raises:
-            RecordingNotWritableError: the file cannot be created, or takes nothing.
+            RecordingNotWritableError: the file cannot be created, or takes nothing; the old part is finished.
         """
-        self.number += 1
-        path = self.path
+        number = self.number + 1
+        path = folder / f"part-{number:03d}.rrd"
+        wal: WriteAheadLog | None = None
         try:
-            self.stream.save(path, default_blueprint=operator_blueprint())
-            log_statics(self.stream, self._run)
-            self.stream.flush(timeout_sec=PROBE_TIMEOUT_S)
+            folder.mkdir(parents=True, exist_ok=True)
+            wal = WriteAheadLog(path.with_suffix(SUFFIX))
+            self._stream.save(path, default_blueprint=operator_blueprint())
+            log_statics(self._stream, self._run)
+            self._stream.flush(timeout_sec=PROBE_TIMEOUT_S)
+            held = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
         except (RuntimeError, OSError, ValueError) as error:
-            self.number -= 1
+            if wal is not None:
+                wal.close(remove=True)
+            with contextlib.suppress(OSError):
+                path.unlink(missing_ok=True)
             raise RecordingNotWritableError(
                 f"The recording {path} cannot be written ({error}): make room or choose another place."
             ) from error
+        self._let_go()
+        self.number, self.path, self._wal, self._held = number, path, wal, held
+        self.opened_s = time.monotonic()
+
+    def send(self, batch: pa.RecordBatch) -> None:
+        """Hand a batch to Rerun; whether it arrived is for `death` to say. Raises ValueError for a bad batch."""
+        self._stream.send_chunks(chunk(identified(batch)))
+
+    def log_ahead(self, batches: Iterable[pa.RecordBatch]) -> str | None:
+        """Keep rows safe until their chunk is written; why that failed, if it did."""
+        try:
+            if self._wal is not None:
+                self._wal.append(batches)
+        except OSError as error:
+            return error.strerror or str(error)
+        return None
+
+    def forget_ahead(self) -> None:
+        """Everything logged ahead has reached the part."""
+        if self._wal is not None:
+            with contextlib.suppress(OSError):  # rows found twice are known by their ids
+                self._wal.clear()
 
     def death(self) -> str | None:
         """Push everything to the operating system; why the file's writer is gone, if it is."""
         try:
-            self.stream.flush(timeout_sec=PROBE_TIMEOUT_S)
+            self._stream.flush(timeout_sec=PROBE_TIMEOUT_S)
         except (RuntimeError, ValueError) as error:
             reason = str(error)
             slow = "timed out" in reason.lower() or "timeout" in reason.lower()
             return None if slow else reason
         return None
 
-    def disk_takes_bytes(self) -> bool:
-        """Whether a new part has a chance: there is room, and a trial file really arrives on the disk."""
-        trial = self._folder / ".trial"
-        try:
-            if shutil.disk_usage(self._folder).free < MIN_FREE_BYTES:
-                return False
-            try:
-                with trial.open("wb") as file:
-                    file.write(bytes(TRIAL_BYTES))
-                    file.flush()
-                    os.fdatasync(file.fileno())
-            finally:
-                trial.unlink(missing_ok=True)
-        except OSError:
+    @property
+    def size(self) -> int:
+        return 0 if self._held is None else os.fstat(self._held).st_size
+
+    def removed(self) -> bool:
+        """Whether the file was taken away while we write it; everything written since goes nowhere."""
+        if self._held is None:
             return False
-        return True
+        try:
+            return self.path.stat().st_ino != os.fstat(self._held).st_ino
+        except OSError:
+            return True
+
+    def hold_of_removed(self) -> int | None:
+        """Our hold on the current file, for `put_back`; the caller closes it."""
+        return None if self._held is None else os.dup(self._held)
+
+    def end(self) -> None:
+        """Finish the current part and write nowhere until the next is opened."""
+        self._stream.disconnect()
+        self._let_go()
 
     def close(self) -> str | None:
-        """Write the footer; why that failed, if it did."""
+        """Write the footer; why that failed, if it did. The log stays where its rows have not all arrived."""
         reason = self.death()
-        self.stream.disconnect()
+        self._stream.disconnect()
+        if self._wal is not None:
+            self._wal.close(remove=reason is None)
+            self._wal = None
+        self._let_go()
         return reason
+
+    def _let_go(self) -> None:
+        if self._held is not None:
+            os.close(self._held)
+            self._held = None
+        if self._wal is not None:
+            self._wal.close(remove=True)
+            self._wal = None
+
+
+def put_back(held: int, path: Path) -> None:
+    """Write a removed file again from our hold on it, which is closed. Raises OSError."""
+    with open(held, "rb") as source:
+        source.seek(0)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("wb") as target:
+            shutil.copyfileobj(source, target, 1 << 20)

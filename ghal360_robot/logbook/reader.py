@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import heapq
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,8 +12,11 @@ from ghal360_robot.logbook import scan_values
 from ghal360_robot.logbook.clock import Anchor
 from ghal360_robot.logbook.errors import RecordingNotReadableError
 from ghal360_robot.logbook.records import AccessUnit, CanFrame, Link, Map, Telegram, Text, Truth
+from ghal360_robot.logbook.recovery import read_tail
 from ghal360_robot.logbook.rrd import PartReader, chunk_rows, ordered_rows
+from ghal360_robot.logbook.run_folder import folders_of, read_meta
 from ghal360_robot.logbook.tick_rows import read_ticks
+from ghal360_robot.logbook.wal import SUFFIX
 from ghal360_robot.messages import (
     BaseMode,
     BaseState,
@@ -51,11 +53,13 @@ class RunReader:
         self.path = path
         self.parts: list[PartReader] = []
         self._unreadable: list[str] = []
-        for file in _files(path):
+        files, logs = _files(path)
+        for file in files:
             try:
                 self.parts.append(PartReader(file))
             except RecordingNotReadableError as error:
                 self._unreadable.append(str(error))
+        self.parts += [tail for log in logs if (tail := read_tail(log)) is not None]
         if not self.parts:
             raise RecordingNotReadableError(" ".join(self._unreadable))
         self.properties: dict[str, str] = {}
@@ -83,11 +87,7 @@ class RunReader:
     @property
     def meta(self) -> dict[str, Any]:
         """The run's `meta.json`; empty for a single file or where it is missing or damaged."""
-        try:
-            found = json.loads((self.path / "meta.json").read_text())
-        except (OSError, ValueError):
-            return {}
-        return found if isinstance(found, dict) else {}
+        return read_meta(self.path)
 
     def entities(self) -> list[str]:
         """Entities with temporal rows."""
@@ -287,12 +287,15 @@ class RunReader:
         return anchor
 
 
-def _files(path: Path) -> list[Path]:
+def _files(path: Path) -> tuple[list[Path], list[Path]]:
+    """The parts of a run, wherever they were written, and the logs ahead of parts that were not ended properly."""
     if path.is_file():
-        return [path]
+        return [path], []
     if not path.is_dir():
         raise RecordingNotReadableError(f"There is no recording at {path}.")
-    files = sorted(path.glob("part-*.rrd"))
+    folders = folders_of(path)
+    files = sorted((file for folder in folders for file in folder.glob("part-*.rrd")), key=lambda file: file.name)
     if not files:
         raise RecordingNotReadableError(f"{path} holds no recording: there is no part-*.rrd in it.")
-    return files
+    logs = sorted((log for folder in folders for log in folder.glob(f"part-*{SUFFIX}")), key=lambda log: log.name)
+    return files, logs

@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import time
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from functools import partial
 from typing import TYPE_CHECKING, Literal
 
+from rerun import unregister_shutdown
+
 from ghal360_robot.logbook import entities, rows, run_folder
 from ghal360_robot.logbook.clock import Anchor
+from ghal360_robot.logbook.live_feed import LiveFeed
 from ghal360_robot.logbook.mailbox import MAX_BYTES, MAX_ENTRIES, Entry, Mailbox
 from ghal360_robot.logbook.part import PartFile
-from ghal360_robot.logbook.statics import Mount, Run
+from ghal360_robot.logbook.settings import RecorderSettings
+from ghal360_robot.logbook.statics import APPLICATION_ID, Mount, Run
+from ghal360_robot.logbook.store import Store
+from ghal360_robot.logbook.tick_drawing import TickRows
 from ghal360_robot.logbook.writer import Writer
+from ghal360_robot.messages import ArmState
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -24,6 +33,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from ghal360_robot.logbook.live_feed import LiveSettings, LiveStats
     from ghal360_robot.logbook.table import Row
     from ghal360_robot.messages import (
         Applied,
@@ -39,7 +49,10 @@ if TYPE_CHECKING:
     )
 
 # systemd and the person at the robot both wait for this one.
-CLOSE_TIMEOUT_S = 3.0
+CLOSE_TIMEOUT_S = 2.5
+
+MAX_BOOKMARKS = 100
+MAX_NAME = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,19 +62,33 @@ class RecorderStats:
     part: str
     """Name of the file being written."""
     written: int
-    """Rows sent to the file."""
+    """Rows handed on to the file; what is unchanged is not handed on."""
     queued: int
     queued_bytes: int
     dropped_video: int
-    """Access units dropped because the disk is too slow; video goes first."""
+    """Access units that are missing because disk or writer could not take them; video goes first."""
     dropped_rest: int
     failed_rows: int
     """Rows that could not be logged; `log/logbook` says which."""
     failed: str | None
     """Why nothing is being written at present; None when all is well."""
+    not_recorded: tuple[str, ...]
+    """What is missing from the recording at present, and why, in sentences for the person at the robot."""
     reopened: int
     """How often a new part was begun after the file had died."""
     writer_cpu_s: float
+    live: LiveStats | None
+    """The live view's feed, where there is one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bookmark:
+    """A moment somebody wants to find again."""
+
+    stamp_ns: int
+    wall: str
+    reason: str
+    part: str
 
 
 class Recorder:
@@ -79,10 +106,13 @@ class Recorder:
         directory: Path,
         *,
         run_id: str | None = None,
-        application_id: str = "ghal360",
+        application_id: str = APPLICATION_ID,
         properties: Mapping[str, str],
         config_json: str,
+        calibration_json: str = "{}",
         mounts: Mapping[str, Mount] | None = None,
+        settings: RecorderSettings | None = None,
+        live: LiveSettings | None = None,
         max_bytes: int = MAX_BYTES,
         max_entries: int = MAX_ENTRIES,
     ) -> None:
@@ -90,13 +120,33 @@ class Recorder:
         if mounts is None:
             mounts = {"lidar": Mount(), "theta": Mount()}
         self.run_id = run_id or run_folder.new_run_id(self.anchor.wall_ns)
-        run = Run(self.run_id, self.anchor, config_json, dict(properties), dict(mounts))
-        self.folder = run_folder.create(directory, run)
+        self._run = Run(self.run_id, self.anchor, config_json, dict(properties), dict(mounts), calibration_json)
+        settings = settings or RecorderSettings()
+        second = [] if settings.second_directory is None else [settings.second_directory]
+        self._folders = run_folder.create([directory, *second], self._run)
+        self.folder = directory / self.run_id
         self._camera_yaw = mounts["theta"].yaw if "theta" in mounts else 0.0
-        self._part = PartFile(self.folder, application_id, run)
-        self._mailbox = Mailbox(max_bytes, max_entries)
-        self._writer = Writer(self._mailbox, self._part, self.anchor)
+        self._part = PartFile(application_id, self._run)
+        self._mailbox: Mailbox[Entry] = Mailbox(max_bytes, max_entries)
+        self._live = None if live is None else LiveFeed(live, self._run)
+        self._bookmarks: list[Bookmark] = []
+        self._estop = False
+        self._tick_rows = TickRows(mounts)
+
+        def open_store(writer: Writer) -> Store:
+            return Store(
+                self._part,
+                self._folders,
+                settings,
+                prepare=self._prepare,
+                say=writer.say,
+                anew=writer.batches.begin_anew,
+            )
+
+        self._writer = Writer(self._mailbox, self.anchor, open_store, self._live)
         self._base_states = itertools.count()
+        if self._live is not None:
+            self._live.start()
         self._writer.start()
 
     def __enter__(self) -> Self:
@@ -110,18 +160,38 @@ class Recorder:
     @property
     def stats(self) -> RecorderStats:
         mailbox, writer = self._mailbox, self._writer
+        store = writer.store
         return RecorderStats(
-            part=self._part.path.name,
-            written=writer.batches.written,
+            part=self._part.path.name if self._part.number >= 0 else "",
+            written=writer.batches.given,
             queued=len(mailbox),
             queued_bytes=mailbox.bytes,
-            dropped_video=mailbox.dropped_video,
-            dropped_rest=mailbox.dropped_rest,
+            dropped_video=mailbox.dropped_video + store.dropped_video,
+            dropped_rest=mailbox.dropped_rest + store.dropped_rest,
             failed_rows=writer.batches.failed,
-            failed=writer.failed,
-            reopened=writer.reopened,
+            failed=writer.failed or store.closed_because or None,
+            not_recorded=store.not_recorded if writer.failed is None else (writer.failed,),
+            reopened=store.reopened,
             writer_cpu_s=writer.cpu_s,
+            live=None if self._live is None else self._live.stats(),
         )
+
+    @property
+    def bookmarks(self) -> tuple[Bookmark, ...]:
+        return tuple(self._bookmarks)
+
+    def bookmark(self, reason: str) -> None:
+        """Mark this moment: named in log and meta.json, with pictures from 30 s before to 30 s after it.
+
+        From any thread; the first hundred are kept.
+        """
+        if len(self._bookmarks) >= MAX_BOOKMARKS:
+            return
+        now_ns = time.monotonic_ns()
+        wall = datetime.fromtimestamp(self.anchor.to_wall(now_ns) / 1e9, UTC).isoformat(timespec="milliseconds")
+        self._bookmarks.append(Bookmark(now_ns, wall, reason, self.stats.part))
+        self.text(now_ns, "bookmark", "INFO", reason)
+        self._writer.store.bookmark()
 
     def access_unit(self, stamp_ns: int, data: bytes, sequence: int, keyframe: bool, tainted: bool) -> None:
         """One H.264 access unit as received (Annex B); `keyframe` only for an IDR that brings its SPS.
@@ -150,15 +220,24 @@ class Recorder:
         self._put("base/state", partial(rows.base_state, state, next(self._base_states)))
 
     def operator(self, message: OperatorInput) -> None:
+        """A message of the operator that the robot took in; refused ones go to `operator_refused`."""
         self._put("operator/command", partial(rows.operator, message))
+
+    def operator_refused(self, stamp_ns: int, holder: object, reason: str) -> None:
+        """A message that was not taken in: who claims to have sent it, and why it was refused."""
+        self._put("operator/refused", partial(rows.operator_refused, stamp_ns, str(holder)[:MAX_NAME], reason))
 
     def received(self, wish: Received) -> None:
         """A wish of a remote operator as it came in, counted or not."""
         self._put("operator/received", partial(rows.received, wish))
 
     def tick(self, inputs: Inputs, decision: Decision, applied: Applied, lateness_ms: float, work_ms: float) -> None:
-        """What one control tick saw, decided and did, and how late it was."""
-        self._put("loop/inputs", partial(rows.tick, inputs, decision, applied, lateness_ms, work_ms))
+        """What one control tick saw, decided and did, and how late it was. An emergency stop is a bookmark."""
+        self._put("loop/inputs", partial(self._tick_rows.rows, inputs, decision, applied, lateness_ms, work_ms))
+        stopped = applied.arm is ArmState.ESTOP
+        if stopped and not self._estop:
+            self.bookmark("emergency stop: " + ", ".join(applied.reasons))
+        self._estop = stopped
 
     def link(self, device: str, stats: LinkStats) -> None:
         """How a device is doing now; about once a second and on every change."""
@@ -179,7 +258,27 @@ class Recorder:
     def close(self, timeout_s: float = CLOSE_TIMEOUT_S) -> bool:
         """Write what waits and end the file properly; False where that did not succeed in time."""
         self._mailbox.close()
-        return self._writer.stop(timeout_s) and self._writer.failed is None
+        if self._live is not None:
+            self._live.close()
+        if not self._writer.stop(timeout_s):
+            unregister_shutdown()  # or the interpreter would wait for a disk that does not answer
+            return False
+        self._write_ending()
+        return self._writer.failed is None
+
+    def _prepare(self, folder: Path) -> None:
+        """Make a folder of this run where there is none yet, or none any more. Raises OSError."""
+        if not (folder / run_folder.META).exists():
+            folder.mkdir(parents=True, exist_ok=True)
+            run_folder.write_meta(folder, run_folder.meta(self._run, self._folders))
+
+    def _write_ending(self) -> None:
+        ending = run_folder.ending(self._run, self.stats, self._bookmarks)
+        for folder in self._folders:
+            content = run_folder.read_meta(folder)
+            if content and "ended" not in content:
+                with contextlib.suppress(OSError):  # said already: nothing can be written here
+                    run_folder.write_meta(folder, content | ending)
 
     def _put(
         self,

@@ -156,6 +156,10 @@ def received(wish: Received) -> Iterator[Row]:
     yield Row(entities.OPERATOR_RECEIVED, wish.stamp_ns, values)
 
 
+def operator_refused(stamp_ns: int, holder: str, reason: str) -> Iterator[Row]:
+    yield Row(entities.OPERATOR_REFUSED, stamp_ns, ([f"{holder or 'somebody'}: {reason}"], ["WARN"]))
+
+
 def link(stamp_ns: int, device: str, stats: LinkStats) -> Iterator[Row]:
     counts = [stats.received, stats.lost, stats.damaged, stats.reconnects]
     last = [] if stats.last_ns is None else [stats.last_ns]

@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
 from rerun.chunk import RrdReader
 
-from ghal360_robot.logbook.batches import TICK, TIME
+from ghal360_robot.logbook.encoding import ROW_ID, TICK, TIME
 from ghal360_robot.logbook.errors import RecordingNotReadableError
 from ghal360_robot.logbook.table import BLOB
 
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from rerun.chunk import Chunk
-
-ROW_ID = "rerun.controls.RowId"
 
 MAGIC = b"RRF2"
 # A file begins with magic, version and options; each message with its kind and its length.
@@ -52,10 +50,11 @@ class StoredRow:
 class PartReader:
     """One .rrd file. A torn end is cut off in a temporary copy, which goes away with `close`."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, temporary: bool = False) -> None:
+        """`temporary`: the file is ours and goes away with `close`."""
         self.path = path
         self.damage: list[str] = []
-        self._copy: Path | None = None
+        self._copy: Path | None = path if temporary else None
         end, has_footer = _messages_end(path)
         size = path.stat().st_size
         if end < size and not has_footer:

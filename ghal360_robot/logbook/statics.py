@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 
     from ghal360_robot.logbook.clock import Anchor
 
+APPLICATION_ID = "ghal360"
+"""The key under which Rerun keeps a layout; the same for all recordings."""
+
 STATE_COLORS: dict[str, tuple[int, int, int]] = {
     "none": (120, 120, 120),
     "left": (80, 150, 255),
@@ -34,6 +37,8 @@ FRAMES = {
     "lidar/scan": "lidar",
     "world/map": "odom",
     "world/target": "odom",
+    "world/trail": "odom",
+    "world/gaze": "theta",
     "sim/truth": "odom",
 }
 
@@ -71,6 +76,7 @@ class Run:
     config_json: str
     properties: Mapping[str, str]
     mounts: Mapping[str, Mount]
+    calibration_json: str = "{}"
 
 
 def log_statics(stream: rr.RecordingStream, run: Run) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
@@ -22,6 +22,12 @@ I64 = pa.int64()
 U8, U16, U32 = pa.uint8(), pa.uint16(), pa.uint32()
 BOOL, TEXT = pa.bool_(), pa.string()
 BLOB = pa.list_(U8)
+TENSOR = rr.components.TensorDataBatch._ARROW_DATATYPE
+
+
+def strips(size: int) -> pa.DataType:
+    """A line through points of `size` coordinates."""
+    return pa.list_(pa.field("item", vector(size), nullable=False))
 
 
 def vector(size: int) -> pa.DataType:
@@ -55,8 +61,8 @@ class Table:
     """With `on_change`: an unchanged row is written all the same when the last is this old."""
     compared: int | None = None
     """With `on_change`: how many leading columns make a change; None for all."""
-    slow: bool = False
-    """Drawn from values that another table keeps: flushed less often, since a kill loses nothing with it."""
+    direct: bool = False
+    """Rows large enough for a chunk of their own: written at once, not gathered for seconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,42 +82,29 @@ def own(archetype: str, name: str, type_: pa.DataType, *, sparse: bool = False) 
 
 
 def same(a: Value, b: Value) -> bool:
-    """Whether two values of one column are equal; arrays are compared as a whole."""
+    """Whether two values of one column are equal; arrays are compared as a whole, alone or in a list."""
     if a is None or b is None:
         return a is b
     if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
         return np.array_equal(a, b)
+    if len(a) and isinstance(a[0], np.ndarray):
+        return len(a) == len(b) and all(map(np.array_equal, a, b))
     return len(a) == len(b) and all(x == y for x, y in zip(a, b, strict=True))
 
 
-@dataclass(frozen=True, slots=True)
-class EncodedColumn:
-    """What `send_columns` takes: a descriptor and one list of instances per row."""
-
-    descriptor: rr.ComponentDescriptor
-    array: pa.Array
-
-    def component_descriptor(self) -> rr.ComponentDescriptor:
-        return self.descriptor
-
-    def as_arrow_array(self) -> pa.Array:
-        return self.array
-
-
-def encode(column: Column, values: Sequence[Value]) -> rr.ComponentColumn:
-    """One column of a batch.
+def encode(column: Column, values: Sequence[Value]) -> pa.Array:
+    """One column of a batch: a list of instances for each row.
 
     Raises:
         pa.ArrowException, TypeError, ValueError, OverflowError: a value does not fit the column's type.
     """
     if pa.types.is_fixed_size_list(column.type):
-        array = _vectors(values, column.type)
-    else:
-        if column.type == BLOB:
-            values = [None if v is None else [np.frombuffer(b, np.uint8) for b in v] for v in values]
-        array = pa.array(values, type=pa.list_(column.type))
-    # Rerun's own class cannot leave a row out; send_columns asks a column for nothing but these two methods.
-    return cast("rr.ComponentColumn", EncodedColumn(column.descriptor, array))
+        return _vectors(values, column.type)
+    if pa.types.is_struct(column.type) and column.type.field(0).name == "shape":
+        return _tensors(values, column.type)
+    if column.type == BLOB:
+        values = [None if v is None else [np.frombuffer(b, np.uint8) for b in v] for v in values]
+    return pa.array(values, type=pa.list_(column.type))
 
 
 def _vectors(values: Sequence[Value], type_: pa.DataType) -> pa.Array:
@@ -123,6 +116,14 @@ def _vectors(values: Sequence[Value], type_: pa.DataType) -> pa.Array:
     missing = pa.array([v is None for v in values], type=BOOL)
     instances = pa.FixedSizeListArray.from_arrays(flat, type=type_)
     return pa.ListArray.from_arrays(offsets, instances, mask=missing)
+
+
+def _tensors(values: Sequence[Value], type_: pa.DataType) -> pa.Array:
+    """One tensor of numbers a row: Arrow does not make the union in it from Python values."""
+    made = [rr.components.TensorDataBatch(np.asarray(v, np.float64)).as_arrow_array() for v in values if v is not None]
+    offsets = np.concatenate(([0], np.cumsum([v is not None for v in values]))).astype(np.int32)
+    missing = pa.array([v is None for v in values], type=BOOL)
+    return pa.ListArray.from_arrays(offsets, pa.concat_arrays(made).cast(type_), mask=missing)
 
 
 def _matrix(value: Sequence[Any] | NDArray[Any], size: int) -> NDArray[np.float32]:

@@ -1,4 +1,4 @@
-"""The one thread that owns the recording: takes from the mailbox, writes rows, watches the file."""
+"""The one thread that owns the recording: takes from the mailbox, encodes rows, hands them to store and live view."""
 
 from __future__ import annotations
 
@@ -9,31 +9,33 @@ from typing import TYPE_CHECKING
 
 from ghal360_robot.logbook import rows
 from ghal360_robot.logbook.batches import BAD_ROW, Batches
-from ghal360_robot.logbook.errors import RecordingNotWritableError
+from ghal360_robot.logbook.handler import LEVELS, RECORDED
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from ghal360_robot.logbook.clock import Anchor
-    from ghal360_robot.logbook.mailbox import Mailbox
-    from ghal360_robot.logbook.part import PartFile
+    from ghal360_robot.logbook.live_feed import LiveFeed
+    from ghal360_robot.logbook.mailbox import Entry, Mailbox
+    from ghal360_robot.logbook.store import Store
 
 # Small bites with pauses, so that a control loop in the same interpreter is never kept waiting long.
 TAKE_PERIOD_S = 0.05
 TAKE_ENTRIES = 50
 TAKE_S = 0.025
 
-# A killed process loses what it has not flushed: 0.3 s here and less than 0.1 s on the way there.
-# Every flush costs about 1.1 kB for each entity that has rows.
-FLUSH_PERIOD_S = 0.3
+# A killed process loses what is not settled: this long, and the way there.
+SETTLE_PERIOD_S = 0.15
 
-# Tables that only draw what other tables keep are flushed every so many times.
-SLOW_FLUSHES = 4
+# A chunk costs about 1.1 kB beside its rows, and there are twenty of them; until then rows are in the log ahead.
+MERGE_PERIOD_S = 5.0
 
-# Other threads may run between two tables of a flush.
+# Other threads may run between two tables.
 BREATH_S = 0.0005
 
-PROBE_PERIOD_S = 1.0
+LOOK_PERIOD_S = 1.0
 
-# Of the time to close, this much is kept for the last flush and the footer.
+# Of the time to close, this much is kept for the last chunks and the footer.
 FOOTER_S = 1.0
 
 SOURCE = "logbook"
@@ -44,17 +46,19 @@ logger = logging.getLogger(__name__)
 class Writer:
     """Runs from `start` until `stop`; its fields may be read from any thread."""
 
-    def __init__(self, mailbox: Mailbox, part: PartFile, anchor: Anchor) -> None:
+    def __init__(
+        self, mailbox: Mailbox[Entry], anchor: Anchor, open_store: Callable[[Writer], Store], live: LiveFeed | None
+    ) -> None:
         self._mailbox = mailbox
-        self._part = part
+        self._live = live
         self._stop = threading.Event()
         self._reported_drops = (0, 0)
         self._take_until = 0.0
         self._thread = threading.Thread(target=self._run, name="logbook-writer", daemon=True)
-        self.batches = Batches(part.stream, anchor)
+        self.batches = Batches(anchor)
         self.failed: str | None = None
-        self.reopened = 0
         self.cpu_s = 0.0
+        self.store = open_store(self)
 
     def start(self) -> None:
         self._thread.start()
@@ -66,22 +70,31 @@ class Writer:
         self._thread.join(timeout_s)
         return not self._thread.is_alive()
 
+    def say(self, level: int, message: str) -> None:
+        """Into the recording, and to whoever reads Python's logging beside it."""
+        logger.log(level, "%s", message, extra=RECORDED)
+        name = next((name for bound, name in LEVELS if level >= bound), "TRACE")
+        for row in rows.text(time.monotonic_ns(), SOURCE, name, message):
+            self.batches.add(row)
+
     def _work(self) -> None:
-        flush_at = time.monotonic() + FLUSH_PERIOD_S
-        probe_at = time.monotonic() + PROBE_PERIOD_S
-        flushes = 0
+        now = time.monotonic()
+        settle_at, merge_at, look_at = now + SETTLE_PERIOD_S, now + MERGE_PERIOD_S, now + LOOK_PERIOD_S
         while not self._stop.wait(TAKE_PERIOD_S):
             now = time.monotonic()
-            if self.failed is None:
-                self._take(until=now + TAKE_S)
-                if now >= flush_at:
-                    flushes += 1
-                    self._flush(slow=flushes % SLOW_FLUSHES == 0)
-                    flush_at = now + FLUSH_PERIOD_S
-            if now >= probe_at:
+            self._take(until=now + TAKE_S)
+            if now >= settle_at:
+                self._encode()
+                settle_at = now + SETTLE_PERIOD_S
+                if now >= merge_at:
+                    self.store.merge()
+                    merge_at = now + MERGE_PERIOD_S
+                else:
+                    self.store.settle()
+            if now >= look_at:
                 self._report()
-                self._probe()
-                probe_at = now + PROBE_PERIOD_S
+                self.store.look()
+                look_at = now + LOOK_PERIOD_S
             self.cpu_s = time.thread_time()
         self._finish()
 
@@ -91,7 +104,7 @@ class Writer:
         except Exception as error:
             self.failed = f"The recording has ended because of a mistake in the logbook ({error!r})."
             logger.exception("The logbook's writer has failed")
-            self._part.close()
+            self.store.close()
 
     def _take(self, until: float) -> None:
         while entries := self._mailbox.take(TAKE_ENTRIES):
@@ -104,56 +117,39 @@ class Writer:
             if time.monotonic() >= until:
                 return
 
-    def _flush(self, *, slow: bool) -> None:
-        for _ in self.batches.flush(slow=slow):
-            time.sleep(BREATH_S)
+    def _encode(self) -> None:
+        live = self._live
+        if live is not None and live.wants_everything_anew():
+            self.batches.begin_anew()
+        for table, batch in self.batches.take():
+            try:
+                self.store.put(table, batch)
+                if live is not None:
+                    live.offer(table, batch)
+            except BAD_ROW as error:
+                self.batches.fail(table.entity, error, batch.num_rows)
+            if not self._stop.is_set():
+                time.sleep(BREATH_S)
 
     def _finish(self) -> None:
-        if self.failed is None:
-            self._take(self._take_until)
+        self._take(self._take_until)
         self._mailbox.abandon()
         self._report()
-        if self.failed is None:
-            for _ in self.batches.flush():
-                pass
-        reason = self._part.close()
-        if reason is not None and self.failed is None:
-            self.failed = f"The recording {self._part.path} has no proper end ({reason})."
-
-    def _probe(self) -> None:
-        """A dead file writer shows in nothing but a failing flush (fact sheet rerun_and_style, A4)."""
-        if self.failed is None:
-            reason = self._part.death()
-            if reason is None:
-                return
-            self.failed = (
-                f"The recording {self._part.path} has stopped ({reason}): the disk is probably full; "
-                "make room and it goes on in a new part."
-            )
-        if not self._part.disk_takes_bytes():
-            return
-        try:
-            self._part.open_next()
-        except RecordingNotWritableError as error:
-            self.failed = str(error)
-            return
-        self.reopened += 1
-        self.batches.begin_anew()
-        self._say("ERROR", f"{self.failed} What came in the second before that is lost.")
-        self.failed = None
+        self._encode()
+        reason = self.store.close()
+        if reason is not None:
+            self.failed = f"The recording has no proper end: {reason}."
 
     def _report(self) -> None:
         """Say in the log itself what is missing from it."""
-        drops = (self._mailbox.dropped_video, self._mailbox.dropped_rest)
+        store = self.store
+        drops = (self._mailbox.dropped_video + store.dropped_video, self._mailbox.dropped_rest + store.dropped_rest)
         video, rest = (now - before for now, before in zip(drops, self._reported_drops, strict=True))
         if video or rest:
             self._reported_drops = drops
-            self._say("WARN", f"The disk is too slow: {video} pictures and {rest} other entries were dropped.")
+            why = "; ".join(store.not_recorded) or "the disk is too slow"
+            self.say(logging.WARNING, f"{video} pictures and {rest} other entries are not in the recording: {why}.")
         failures = self.batches.take_failures()
         if failures:
             which = ", ".join(f"{count} of {entity}" for entity, count in sorted(failures.items()))
-            self._say("ERROR", f"Rows that could not be logged: {which} ({self.batches.last_failure}).")
-
-    def _say(self, level: str, message: str) -> None:
-        for row in rows.text(time.monotonic_ns(), SOURCE, level, message):
-            self.batches.add(row)
+            self.say(logging.ERROR, f"Rows that could not be logged: {which} ({self.batches.last_failure}).")
