@@ -83,8 +83,10 @@ def _arc(points: Floats, twist: Twist, disc: Disc, radii: tuple[float, ...]) -> 
     x, y = points[:, 0], points[:, 1] - centre_y
     disc_y = disc.y - centre_y
     disc_far = math.hypot(disc.x, disc_y)
-    far = np.hypot(x, y)
+    far = np.sqrt(x * x + y * y)
     near = np.flatnonzero(np.abs(far - disc_far) < max(radii))
+    if len(near) == 0:
+        return (NEVER,) * len(radii)
     far = far[near]
     turn = math.copysign(1.0, twist.w)
     ahead = np.mod((np.arctan2(y[near], x[near]) - math.atan2(disc_y, disc.x)) * turn, math.tau)
@@ -93,7 +95,7 @@ def _arc(points: Floats, twist: Twist, disc: Disc, radii: tuple[float, ...]) -> 
     for radius in radii:
         cosine = (squares - radius * radius) / np.maximum(product, 1e-12)
         # Where the cosine is beyond 1 the disc passes by; below -1 it covers the point wherever it stands.
-        half = np.arccos(np.clip(cosine, -1.0, 1.0))
+        half = np.arccos(np.minimum(np.maximum(cosine, -1.0), 1.0))
         gap = np.where(cosine < 1.0, np.maximum(ahead - half, 0.0), np.inf)
         contacts.append(_earliest(gap, near, abs(twist.w)))
     return tuple(contacts)

@@ -6,7 +6,7 @@ may walk on at any time: what has moved is treated as a person until it has stoo
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -61,6 +61,8 @@ ADRIFT = 0.5
 FEW = 40
 """Of so few returns a person may well be the most."""
 
+EDGE = np.ones(1, bool)
+
 
 @dataclass(frozen=True, slots=True)
 class Person:
@@ -84,9 +86,10 @@ def compared(looks: Sequence[Look], stamp_ns: int) -> tuple[Look, ...]:
     """Of the kept scans, oldest first, for each age the newest that is at least as old."""
     found: list[Look] = []
     for age_s in AGES_S:
-        old = [past for past in looks if stamp_ns - past.stamp_ns >= age_s * 1e9]
-        if old and (not found or found[-1] is not old[-1]):
-            found.append(old[-1])
+        newest_ns = stamp_ns - round(age_s * 1e9)
+        old = next((past for past in reversed(looks) if past.stamp_ns <= newest_ns), None)
+        if old is not None and (not found or found[-1] is not old):
+            found.append(old)
     return tuple(found)
 
 
@@ -99,19 +102,19 @@ def moving(looks: Sequence[Look], points: Floats, beam: NDArray[np.intp], turnin
     suspects = np.flatnonzero(came)
     if len(suspects) < LEAST_POINTS or (len(suspects) > ADRIFT * len(points) and len(points) > FEW):
         return np.zeros(len(points), bool)
-    for thing in things(points[suspects], beam[suspects]):
-        if len(thing) < LEAST_POINTS:
-            came[suspects[thing]] = False
+    first, count = things(points[suspects], beam[suspects])
+    came[suspects[np.repeat(count < LEAST_POINTS, count)]] = False
     return came
 
 
-def things(points: Floats, beam: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-    """Indices of `points` that belong together, by neighbouring beams."""
+def things(points: Floats, beam: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Which of `points` (n, 2) in the order of their beams belong together: first index and number of each thing."""
     if len(points) == 0:
-        return []
-    apart = np.hypot(*np.diff(points, axis=0).T) > ONE_THING_M + 0.02 * np.diff(beam)
-    breaks = np.flatnonzero(apart | (np.diff(beam) > BESIDE)) + 1
-    return list(np.split(np.arange(len(points)), breaks))
+        return np.zeros(0, np.intp), np.zeros(0, np.intp)
+    step, beams = points[1:] - points[:-1], beam[1:] - beam[:-1]
+    apart = step[:, 0] ** 2 + step[:, 1] ** 2 > (ONE_THING_M + 0.02 * beams) ** 2
+    edges = np.flatnonzero(np.concatenate((EDGE, apart | (beams > BESIDE), EDGE)))
+    return edges[:-1], edges[1:] - edges[:-1]
 
 
 def follow(
@@ -123,23 +126,21 @@ def follow(
     memory_s: float,
 ) -> tuple[Person, ...]:
     """People after one more scan: those seen moving now, and those remembered."""
-    there = np.asarray(near(points, people).any(axis=0))
-    followed = [replace(person, there_ns=stamp_ns) if there[n] else person for n, person in enumerate(people)]
-    which = np.flatnonzero(moved)
-    for thing in things(points[which], beam[which]):
-        x, y = points[which[thing]].mean(axis=0).tolist()
-        nearest = min(
-            (person for person in followed if (person.x - x) ** 2 + (person.y - y) ** 2 < SAME_M**2),
-            key=lambda person: (person.x - x) ** 2 + (person.y - y) ** 2,
-            default=None,
-        )
-        if nearest is None:
+    there = near(points, people).any(axis=0).tolist()
+    followed = [
+        Person(person.x, person.y, person.moved_ns, stamp_ns, person.times) if seen else person
+        for person, seen in zip(people, there, strict=True)
+    ]
+    for x, y in _middles(points[moved], beam[moved]):
+        which = _nearest(followed, x, y)
+        if which is None:
             followed.append(Person(x, y, stamp_ns, stamp_ns))
-        elif nearest.moved_ns == stamp_ns and nearest.confirmed:
+            continue
+        before = followed[which]
+        if before.moved_ns == stamp_ns and before.confirmed:
             continue  # the other leg
-        else:
-            times = min(nearest.times + (nearest.moved_ns != stamp_ns), CONFIRMED)
-            followed[followed.index(nearest)] = Person(x, y, stamp_ns, stamp_ns, times)
+        times = min(before.times + (before.moved_ns != stamp_ns), CONFIRMED)
+        followed[which] = Person(x, y, stamp_ns, stamp_ns, times)
     kept = [person for person in followed if not _forgotten(person, stamp_ns, memory_s)]
     return tuple(sorted(kept, key=lambda person: -person.moved_ns)[:MOST])
 
@@ -148,6 +149,23 @@ def near(points: Floats, people: Sequence[Person]) -> NDArray[np.bool_]:
     """Which of `points` (n, 2) are so close to each of `people` that they belong to them: (n, people)."""
     at = np.array([(person.x, person.y) for person in people]).reshape(-1, 2)
     return np.asarray((points[:, :1] - at[:, 0]) ** 2 + (points[:, 1:] - at[:, 1]) ** 2 < REACH_M**2)
+
+
+def _middles(points: Floats, beam: NDArray[np.intp]) -> list[list[float]]:
+    """The middle of each thing among `points`."""
+    first, count = things(points, beam)
+    middles: list[list[float]] = (np.add.reduceat(points, first) / count[:, None]).tolist() if len(first) else []
+    return middles
+
+
+def _nearest(people: Sequence[Person], x: float, y: float) -> int | None:
+    """Index of whoever is nearest, if near enough to be the same."""
+    found, least = None, SAME_M**2
+    for which, person in enumerate(people):
+        squared = (person.x - x) ** 2 + (person.y - y) ** 2
+        if squared < least:
+            found, least = which, squared
+    return found
 
 
 def _forgotten(person: Person, now_ns: int, memory_s: float) -> bool:

@@ -8,6 +8,7 @@ who came up from behind meanwhile could not be seen.
 from __future__ import annotations
 
 import math
+from functools import reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -52,32 +53,33 @@ def scan_fault(around: Surroundings, footprint: Sequence[Disc]) -> str:
     if len(around.points) < BLOCKED_SHARE * n:
         return "lidar sees nothing: covered?"
     x, y = around.points[:, 0], around.points[:, 1]
-    inside = np.zeros(len(x), bool)
-    for disc in footprint:
-        inside |= (x - disc.x) ** 2 + (y - disc.y) ** 2 < max(disc.radius - INSIDE_M, 0.0) ** 2
-    if np.count_nonzero(inside) > INSIDE_SHARE * n:
+    inside = [(x - disc.x) ** 2 + (y - disc.y) ** 2 < max(disc.radius - INSIDE_M, 0.0) ** 2 for disc in footprint]
+    if np.count_nonzero(reduce(np.logical_or, inside)) > INSIDE_SHARE * n:
         return "lidar sees something on the robot itself: is its window dirty?"
     return ""
 
 
 def blind_ahead(around: Surroundings) -> str:
     """Why this scan says nothing about the way ahead, in words; empty where it does."""
-    ahead = np.abs(around.bearings) <= AHEAD
+    ahead = np.flatnonzero(np.abs(around.bearings) <= AHEAD)
     edges = around.bearings[ahead]
     if len(edges) == 0 or edges.min() > -0.9 * AHEAD or edges.max() < 0.9 * AHEAD:
         return "the scan does not cover the way ahead"
-    if np.isfinite(around.ranges[ahead]).mean() < BLOCKED_SHARE:
+    if np.count_nonzero(np.isfinite(around.ranges[ahead])) < BLOCKED_SHARE * len(ahead):
         return "lidar sees nothing ahead: covered?"
     return ""
 
 
 def silent_ahead(around: Surroundings) -> str:
     """Where a wide stretch ahead brings no echo at all, in words; empty where none does."""
-    heard = np.flatnonzero((np.abs(around.bearings) <= AHEAD) & np.isfinite(around.ranges))
-    beams = np.abs(around.bearings) <= AHEAD
-    first, last = int(beams.argmax()), len(beams) - 1 - int(beams[::-1].argmax())
-    gaps = np.diff(np.concatenate(([first - 1], heard, [last + 1]))) - 1
-    wide = float(gaps.max()) * abs(beam_step(around))
+    ahead = np.flatnonzero(np.abs(around.bearings) <= AHEAD)
+    heard = ahead[np.isfinite(around.ranges[ahead])]
+    if len(heard):
+        between = int((heard[1:] - heard[:-1]).max(initial=1))
+        most = max(int(heard[0] - ahead[0]), between - 1, int(ahead[-1] - heard[-1]))
+    else:
+        most = len(ahead)
+    wide = most * abs(beam_step(around))
     return f"slow: lidar gets no echo over {math.degrees(wide):.0f} deg ahead" if wide >= SILENT else ""
 
 

@@ -204,9 +204,10 @@ def _walking(points: Floats, twist: Twist, disc: Disc, limits: SafetyLimits) -> 
     towards = _towards(np.arctan2(dy, dx) - math.atan2(vy, vx), turn)
     verdicts = [FREE]
     for mask, least in ((towards > ABEAM, 0.0), (np.abs(towards) <= ABEAM, CRAWL)):
-        if not mask.any():
+        theirs = np.where(mask, apart, np.inf)
+        nearest = int(theirs.argmin())
+        if not mask[nearest]:
             continue
-        nearest = int(np.where(mask, apart, np.inf).argmin())
         apart_m = float(apart[nearest]) - disc.radius - limits.person_margin_m
         pace = approachable(apart_m, decel, limits.reaction_s, limits.person_speed)
         at = (float(points[nearest, 0]), float(points[nearest, 1]))
@@ -221,7 +222,7 @@ def _towards(bearing: Floats, turn: float) -> Floats:
     """
     middle, reach = turn / 2, abs(turn) / 2
     off = np.abs(np.mod(bearing - middle + math.pi, math.tau) - math.pi) - reach
-    return np.cos(np.clip(off, 0.0, math.pi))
+    return np.cos(np.maximum(off, 0.0))
 
 
 def _decel(disc: Disc, twist: Twist, limits: SafetyLimits) -> float:

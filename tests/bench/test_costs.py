@@ -27,9 +27,9 @@ def test_a_tick_keeps_its_budget_and_leaves_the_interpreter_as_it_was() -> None:
 
 def test_the_measured_ticks_are_those_of_a_driving_robot() -> None:
     ticker = tick.Ticker()
-    moved = [ticker.tick()[1] for _ in range(tick.WARM_UP + 100)]
+    moved = [ticker.tick()[1] for _ in range(2 * tick.WARM_UP)]
     assert not moved[0]
-    assert all(moved[tick.WARM_UP :])
+    assert sum(moved[tick.WARM_UP :]) > tick.LEAST_MOVED * tick.WARM_UP
 
 
 @pytest.mark.parametrize("as_json", [False, True])

@@ -59,7 +59,8 @@ class Walk:
         seen = scan(ranges, self.now_ns)
         base = BaseState(self.now_ns - 20_000_000, BaseMode.DRIVE, self.odometry, moving, 90.0)
         tick = Inputs(self.now_ns, 0, base, seen, None, None, {"tim571": FRESH}, surroundings=around(seen))
-        self.memory = remember(self.memory, tick, LIMITS)
+        for _ in ("taken in", "sorted out"):
+            self.memory = remember(self.memory, tick, LIMITS)
         self.now_ns += SCAN_NS
         return self.memory
 
@@ -213,13 +214,14 @@ def test_of_a_crowd_those_who_moved_last_are_kept() -> None:
 def test_returns_beside_each_other_are_one_thing() -> None:
     points = np.array([[1.0, 0.0], [1.0, 0.02], [1.0, 0.04], [1.3, 0.05], [1.3, 0.07], [1.3, 0.5]])
     beam = np.array([0, 1, 2, 3, 4, 9])
-    assert [thing.tolist() for thing in things(points, beam)] == [[0, 1, 2], [3, 4], [5]]
-    assert things(points[:0], beam[:0]) == []
+    first, count = things(points, beam)
+    assert (first.tolist(), count.tolist()) == ([0, 3, 5], [3, 2, 1])
+    assert [len(part) for part in things(points[:0], beam[:0])] == [0, 0]
     slanted = np.array([[1.0, 0.0], [1.2, 0.02]])
-    assert [len(thing) for thing in things(slanted, np.array([0, 1]))] == [1, 1]
-    assert [len(thing) for thing in things(slanted, np.array([0, 4]))] == [2]
-    assert [len(thing) for thing in things(points[:2], np.array([0, 4]))] == [2]
-    assert [len(thing) for thing in things(points[:2], np.array([0, 5]))] == [1, 1]
+    assert things(slanted, np.array([0, 1]))[1].tolist() == [1, 1]
+    assert things(slanted, np.array([0, 4]))[1].tolist() == [2]
+    assert things(points[:2], np.array([0, 4]))[1].tolist() == [2]
+    assert things(points[:2], np.array([0, 5]))[1].tolist() == [1, 1]
 
 
 def test_near_somebody_is_within_their_reach() -> None:

@@ -75,14 +75,16 @@ class Assembler:
             self._tear()
             return None
         run = self._run
-        age_ns, gap_ns = stamp_ns - run.first_ns, stamp_ns - run.last_ns
-        in_time = 0 <= gap_ns < FRAME_GAP_NS and age_ns < self._timeout_ns
-        if len(run) and not (index == len(run) and in_time):
-            self._tear()
-        if index != len(run):
+        taken = len(run)
+        if taken:
+            age_ns, gap_ns = stamp_ns - run.first_ns, stamp_ns - run.last_ns
+            if index != taken or not 0 <= gap_ns < FRAME_GAP_NS or age_ns >= self._timeout_ns:
+                self._tear()
+                taken = 0
+        if index != taken:
             return None
         run.take(stamp_ns, frame)
-        return run.packet() if len(run) == self._count else None
+        return run.packet() if index + 1 == self._count else None
 
     def _tear(self) -> None:
         if len(self._run):
