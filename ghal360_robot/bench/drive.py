@@ -1,4 +1,4 @@
-"""What a control tick meets on a drive: the base's replies, sweeps of the lidar, people who walk, and a driver's wishes.
+"""What a control tick meets on a drive: the base's replies, sweeps of the lidar, walking people, a driver's wishes.
 
 The robot drives between the places of the simulated office, and half of the people around it do not look where it
 goes. Everything here happens between two ticks and is not measured. No clock: every drive is the same.
@@ -53,10 +53,8 @@ class Drive:
         self._body = Body(Pose2(x, y, float(rng.uniform(-math.pi, math.pi))))
         self._mount = lidar_mount(config)
         self._lidar = SweepingLidar(self._world, rng)
-        self._crowds = [
-            Crowd(self._ground, SEED + n, PEOPLE // 2, self._robot(), courteous=bool(n)) for n in range(2)
-        ]
-        self._driver = RandomDriver(self._ground, SEED, "stick places", DriveSettings())
+        self._crowds = [Crowd(self._ground, SEED + n, PEOPLE // 2, self._robot(), courteous=bool(n)) for n in range(2)]
+        self._driver = RandomDriver(self._ground, SEED, "stick to places", DriveSettings())
 
     def step(self, now_ns: int, frame: Frame) -> tuple[tuple[Frame, ...], list[Sweep]]:
         """Until `now_ns`: what the base replied to `frame`, and the sweeps that were finished meanwhile."""

@@ -114,9 +114,7 @@ def remember(memory: Memory, inputs: Inputs, limits: SafetyLimits) -> Memory:
             memory = Memory(someone_ns=memory.someone_ns)
         driven = _driven(memory.driven, base, limits.ground_memory_s)
         trail, kept = memory.trail.extended(base), memory
-        memory = Memory(
-            trail, kept.looks, kept.past, kept.people, driven, kept.scene, kept.unsorted, kept.someone_ns
-        )
+        memory = Memory(trail, kept.looks, kept.past, kept.people, driven, kept.scene, kept.unsorted, kept.someone_ns)
     if memory.unsorted is not None:
         memory = _sorted_out(memory, memory.unsorted, limits)
     if around is None or (memory.scene is not None and around.stamp_ns == memory.scene.stamp_ns):

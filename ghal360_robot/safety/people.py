@@ -102,7 +102,7 @@ def moving(looks: Sequence[Look], points: Floats, beam: NDArray[np.intp], turnin
     suspects = np.flatnonzero(came)
     if len(suspects) < LEAST_POINTS or (len(suspects) > ADRIFT * len(points) and len(points) > FEW):
         return np.zeros(len(points), bool)
-    first, count = things(points[suspects], beam[suspects])
+    _, count = things(points[suspects], beam[suspects])
     came[suspects[np.repeat(count < LEAST_POINTS, count)]] = False
     return came
 
@@ -126,7 +126,7 @@ def follow(
     memory_s: float,
 ) -> tuple[Person, ...]:
     """People after one more scan: those seen moving now, and those remembered."""
-    there = near(points, people).any(axis=0).tolist()
+    there = np.asarray(near(points, people).any(axis=0)).tolist()
     followed = [
         Person(person.x, person.y, person.moved_ns, stamp_ns, person.times) if seen else person
         for person, seen in zip(people, there, strict=True)
