@@ -12,8 +12,8 @@ from ghal360_robot.safety.lease import LEASE_S
 from ghal360_robot.safety.mux import SOURCES, LockRule, Source
 from ghal360_robot.safety.watchdog import GAP_S
 
-OLDEST_S = 0.5
-"""The robot has moved on since its last scan for so long at most."""
+OLDEST_S = 0.3
+"""The robot moves by no scan that was measured longer ago, however regularly such late scans arrive."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -320,7 +320,7 @@ def test_a_scan_that_was_measured_long_ago_allows_no_motion_however_freshly_it_c
     old = rig.inputs()
     out = [rig.tick(FORWARD, scan=old.scan, surroundings=old.surroundings) for _ in range(40)]
     ages_s = [round((n + 1 + (10 - 1) % 3) * TICK_S, 3) for n in range(40)]
-    assert [a.reasons == ("the scan is old",) for a in out] == [age_s > 0.5 for age_s in ages_s]
+    assert [a.reasons == ("the scan is old",) for a in out] == [age_s > 0.3 for age_s in ages_s]
     assert all((a.twist == STILL) == (a.reasons == ("the scan is old",)) for a in out)
 
 
