@@ -75,8 +75,8 @@ def test_whatever_is_wanted_is_inside_afterwards_and_never_points_elsewhere(
 
 def test_things_matter_as_far_as_full_speed_needs_to_stop_before_them() -> None:
     assert LIMITS.outline_m == pytest.approx(0.4)
-    assert LIMITS.reach_m == pytest.approx(0.4 + 0.125 + 0.25 + 0.14 + 0.25)
+    assert LIMITS.reach_m == pytest.approx(0.4 + 0.125 + 0.25 + 0.14 + 0.15)
     assert LIMITS.people_reach_m == pytest.approx(LIMITS.reach_m + 1.2 * 1.25 + 0.25)
     wide = SafetyLimits(footprint=(Disc(0.3, 0.4, 0.1), Disc(0.0, 0.0, 0.3)), slow_margin_m=0.5)
     assert wide.outline_m == pytest.approx(0.6)
-    assert wide.reach_m == pytest.approx(0.6 + 0.375 + 0.5 + 0.25)
+    assert wide.reach_m == pytest.approx(0.6 + 0.375 + 0.5 + 0.15)
