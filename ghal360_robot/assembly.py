@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calibration.mounting import CameraMount, LidarMount
@@ -13,6 +14,8 @@ from ghal360_robot.intent.controller import DriveSettings
 from ghal360_robot.intent.exact import ExactFilter
 from ghal360_robot.intent.steering import SteeringSettings
 from ghal360_robot.intent.trigger import TriggerSettings
+from ghal360_robot.logbook.disk import Watermarks
+from ghal360_robot.logbook.settings import LiveSettings, RecorderSettings
 from ghal360_robot.perception.wedges import SceneSettings
 from ghal360_robot.safety.chain import Safety
 from ghal360_robot.safety.derating import BATTERY, LATENCY, RULES, TEMPERATURE, Rule
@@ -97,6 +100,27 @@ def _rule(rule: Rule, safety: SafetySection) -> Rule:
         TEMPERATURE: safety.temperature_degc,
     }.get(rule.name)
     return rule if thresholds is None else replace(rule, warn=thresholds[0], derate=thresholds[1], stop=thresholds[2])
+
+
+def recorder_settings(config: RobotConfig) -> RecorderSettings:
+    s = config.logbook
+    marks = (round(gb * 1e9) for gb in (s.warn_free_gb, s.no_video_free_gb, s.stop_free_gb))
+    return RecorderSettings(
+        second_directory=Path(s.second_directory) if s.second_directory else None,
+        part_bytes=round(s.part_mb * 1e6),
+        part_s=s.part_minutes * 60.0,
+        watermarks=Watermarks(*marks),
+        video_always=s.video == "always",
+    )
+
+
+def live_settings(config: RobotConfig) -> LiveSettings | None:
+    """Where viewers may watch; None where nobody may."""
+    s = config.logbook
+    if not s.live:
+        return None
+    host, _, port = s.live.rpartition(":")
+    return LiveSettings(host.removeprefix("[").removesuffix("]"), int(port), s.live_web_port or None)
 
 
 def make_safety(config: RobotConfig) -> Safety:

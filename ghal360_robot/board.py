@@ -90,28 +90,38 @@ class Board:
     def put_detections(self, detections: Detections) -> None:
         self.detections = detections
 
-    def put_operator(self, message: OperatorInput) -> None:
+    def put_operator(self, message: OperatorInput) -> str:
         """Take a message in, unless it makes no sense: it comes from outside and steers the robot.
 
         Who does not hold the lease is a bystander. A message that was overtaken by a newer one of the same
-        holder, or is stamped later than now, is refused. Stops count in all of them.
+        holder, or is stamped later than now, is refused. Stops count in all of them. Returns why the message was
+        not taken in; empty where it was.
         """
         if not _is_count(message.disarm_presses) or not _is_count(message.estop_presses):
             self.estop()  # nobody can tell whether somebody wanted to stop: then somebody did
         if not (_counts_are_sane(message) and _holder_is_sane(message)):
             self.refused += 1
             self._stop_of_nonsense(message)
-            return
+            return "its counts or its sender make no sense"
         newest = self.operator
         from_driver = message.holder == self.driver
-        overtaken = newest is not None and message.holder == newest.holder and message.stamp_ns <= newest.stamp_ns
-        if is_sane(message) and from_driver and not overtaken and not _is_from_the_future(message):
+        why_not = ""
+        if not is_sane(message):
+            why_not = "its numbers make no sense"
+        elif not from_driver:
+            why_not = "somebody else holds the lease"
+        elif newest is not None and message.holder == newest.holder and message.stamp_ns <= newest.stamp_ns:
+            why_not = "a newer one was here before it"
+        elif _is_from_the_future(message):
+            why_not = "it is stamped later than now"
+        if not why_not:
             self._keep_stops(message)
             self.operator = message
             self._arrived("operator", message.stamp_ns)
-            return
+            return ""
         self.refused += from_driver or not is_sane(message)
         self._watch_bystander(message)
+        return why_not
 
     @property
     def driver(self) -> str:

@@ -240,6 +240,25 @@ class PageSection(_Section):
 
 class LogbookSection(_Section):
     directory: Path = Field(Path("runs"), description="Each run makes a folder in here")
+    second_directory: str = Field("", description="Where a recording goes on when the first is full or gone")
+    part_mb: int = Field(512, ge=1, le=100_000, description="A file ends at the next key picture after so many MB")
+    part_minutes: float = Field(10.0, gt=0, le=1440, description="... or after so many minutes")
+    video: Literal["always", "bookmarks"] = Field(
+        "always", description="With bookmarks, pictures are recorded from 30 s before to 30 s after one only"
+    )
+    warn_free_gb: float = Field(5.0, ge=0, description="With less room than this the robot warns")
+    no_video_free_gb: float = Field(2.0, ge=0, description="... records no more pictures")
+    stop_free_gb: float = Field(0.5, ge=0, description="... records nothing")
+    live: str = Field(
+        "", pattern=r"^$|^[^\s]+:[0-9]{1,5}$", description="HOST:PORT where Rerun viewers may watch; empty: nobody"
+    )
+    live_web_port: int = Field(0, ge=0, le=65535, description="Port of that host for viewers in a browser; 0: none")
+
+    @model_validator(mode="after")
+    def _coherent(self) -> LogbookSection:
+        if not self.stop_free_gb <= self.no_video_free_gb <= self.warn_free_gb:
+            raise ValueError("warn_free_gb, no_video_free_gb and stop_free_gb have to fall in this order")
+        return self
 
 
 class RobotConfig(_Section):

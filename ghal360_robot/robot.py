@@ -17,7 +17,14 @@ from contextlib import AsyncExitStack
 from typing import TYPE_CHECKING, Protocol
 
 from ghal360_robot import __version__
-from ghal360_robot.assembly import camera_mount, lidar_mount, make_brain, make_safety
+from ghal360_robot.assembly import (
+    camera_mount,
+    lidar_mount,
+    live_settings,
+    make_brain,
+    make_safety,
+    recorder_settings,
+)
 from ghal360_robot.board import Board, make_board
 from ghal360_robot.brain import BrainState
 from ghal360_robot.errors import GhalError
@@ -27,6 +34,7 @@ from ghal360_robot.hardware.lidar import LidarInput
 from ghal360_robot.journal import Journal, RunReport, device_report
 from ghal360_robot.logbook.handler import LogbookHandler
 from ghal360_robot.logbook.recorder import Recorder
+from ghal360_robot.logbook.recovery import start_recovery
 from ghal360_robot.logbook.statics import Mount
 from ghal360_robot.loop import ControlLoop
 from ghal360_robot.perception.decode import Picture, PictureDecoder
@@ -41,7 +49,7 @@ if TYPE_CHECKING:
 
     from drivers.theta_v.codec.access_units import AccessUnit
     from ghal360_robot.config import RobotConfig
-    from ghal360_robot.messages import Applied, Decision, Detections, Inputs, LinkStats
+    from ghal360_robot.messages import Applied, Decision, Detections, Inputs, LinkStats, OperatorInput
 
 logger = logging.getLogger(__name__)
 
@@ -111,6 +119,14 @@ class Robot:
         if not closed:
             logger.error("the recording could not be closed properly: %s", self.recorder.stats.failed or "too slow")
         return self._report((time.monotonic_ns() - start_ns) / 1e9, links)
+
+    def take_operator(self, message: OperatorInput) -> None:
+        """A message of an operator: onto the board where it counts, and into the recording as what it is."""
+        why_not = self.board.put_operator(message)
+        if why_not:
+            self.recorder.operator_refused(message.stamp_ns, message.holder, why_not)
+        else:
+            self.recorder.operator(message)
 
     def links(self) -> dict[str, LinkStats]:
         return {device.name: device.stats() for device in self.inputs}
@@ -206,7 +222,8 @@ class Robot:
             links = self.links()
             for name, link in links.items():
                 self.recorder.link(name, link)
-            self.loop.notifier.status(", ".join(f"{name} {link.link}" for name, link in links.items()))
+            words = [f"{name} {link.link}" for name, link in links.items()]
+            self.loop.notifier.status("; ".join((*self.recorder.stats.not_recorded, ", ".join(words))))
             await asyncio.sleep(LINK_PERIOD_S)
 
     def _on_tick(self, inputs: Inputs, decision: Decision, applied: Applied) -> None:
@@ -227,6 +244,7 @@ class Robot:
 
     def _open_recorder(self) -> Recorder:
         lidar, camera = lidar_mount(self.config), camera_mount(self.config)
+        start_recovery(self.record_to)
         return Recorder(
             self.record_to,
             properties={
@@ -237,6 +255,9 @@ class Robot:
                 "policy": self.config.guidance.policy,
             },
             config_json=self.config.model_dump_json(indent=1),
+            calibration_json=self.config.mounting.model_dump_json(),
+            settings=recorder_settings(self.config),
+            live=live_settings(self.config),
             mounts={
                 "lidar": Mount(lidar.x, lidar.y, lidar.z, lidar.yaw),
                 "theta": Mount(camera.x, camera.y, camera.z, camera.yaw),

@@ -14,6 +14,7 @@ from drivers.theta_v.errors import ThetaError
 from drivers.tim571.errors import TimError
 from ghal360_robot import __version__
 from ghal360_robot.cli import bench, config, demo, detectors, export, inspect, pictures, probe, replay, run, simulate
+from ghal360_robot.cli.optional_value import LiveCommand
 from ghal360_robot.errors import GhalError
 from ghal360_robot.logbook.errors import LogbookError
 
@@ -30,7 +31,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command("run")(run.run)
+app.command("run", cls=LiveCommand)(run.run)
 app.command("demo")(demo.demo)
 app.add_typer(probe.app, name="probe")
 app.add_typer(simulate.app, name="simulate")

@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from ghal360_robot.cli.address import split_address
+from ghal360_robot.cli.optional_value import LIVE
 from ghal360_robot.cli.scenario import checked_scenario, with_target
 from ghal360_robot.cli.session import Session, print_json, run_session
 from ghal360_robot.cli.summary import print_summary
@@ -24,6 +26,7 @@ class OperatorKind(StrEnum):
 
 
 def run(
+    *,
     config_path: Annotated[Path | None, typer.Option("--config", "-c", help="robot.toml; defaults without")] = None,
     sim: Annotated[bool, typer.Option("--sim", help="Wire-level simulators instead of the devices")] = False,
     duration: Annotated[float | None, typer.Option(help="Seconds to run; without, until SIGTERM or Ctrl-C")] = None,
@@ -39,6 +42,10 @@ def run(
     cut: Annotated[
         list[str] | None, typer.Option(help="Unplug a simulated device: DEVICE@START+SECONDS, e.g. tim571@10+5")
     ] = None,
+    live: Annotated[
+        str, typer.Option(metavar="[HOST:PORT]", help=f"Let Rerun viewers watch; without an address at {LIVE}")
+    ] = "",
+    live_web: Annotated[int, typer.Option(metavar="PORT", help="Serve the viewer to browsers, too", min=0)] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object on the last line of stdout")] = False,
 ) -> None:
     """Run the robot until SIGTERM, Ctrl-C or the end of --duration.
@@ -48,6 +55,9 @@ def run(
     Example: ghal360 run --sim --operator virtual --target backpack --duration 60
     """
     config = load_config(config_path)
+    if live or live_web:
+        split_address(live or LIVE)
+        config = with_overrides(config, {"logbook": {"live": live or LIVE, "live_web_port": live_web}})
     simulated_only = {
         "--operator virtual": operator is OperatorKind.VIRTUAL,
         "--camera-images": camera_images is not None,

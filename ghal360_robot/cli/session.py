@@ -137,7 +137,8 @@ async def _watch(
 
     def picture() -> Table:
         seconds = time.monotonic() - began_s
-        return status(robot.loop.newest, robot.links(), robot.loop.lateness, target, seconds)
+        missing = robot.recorder.stats.not_recorded
+        return status(robot.loop.newest, robot.links(), robot.loop.lateness, target, seconds, missing)
 
     with status_line(Console(quiet=True) if session.quiet else console, picture):
         while not stop.is_set():

@@ -26,6 +26,7 @@ def status(
     lateness: Lateness,
     target: str,
     seconds: float,
+    not_recorded: tuple[str, ...] = (),
 ) -> Table:
     """One screen line for each device and one for the robot."""
     grid = Table.grid(padding=(0, 2))
@@ -49,6 +50,8 @@ def status(
             f"intention {_intention(decision)}",
             Text(", ".join(applied.reasons), style="dim", overflow="ellipsis", no_wrap=True),
         )
+    for sentence in not_recorded:
+        grid.add_row(Text("logbook", style="bold"), Text("!", style="bold red"), *[""] * 3, Text(sentence, style="red"))
     late = lateness.summary()
     found = "in view" if newest is not None and newest[1].target_yaw is not None else "not in view"
     grid.add_row(

@@ -28,6 +28,7 @@ from ghal360_robot.logbook.mailbox import Mailbox
 if TYPE_CHECKING:
     import pyarrow as pa  # type: ignore[import-untyped]
 
+    from ghal360_robot.logbook.settings import LiveSettings
     from ghal360_robot.logbook.statics import Run
     from ghal360_robot.logbook.table import Table
 
@@ -51,20 +52,6 @@ SAYS = "live view: "
 """What the server has to say to people begins with this; anything else is Rerun's own chatter."""
 
 logger = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, slots=True)
-class LiveSettings:
-    """Where viewers connect."""
-
-    host: str = "127.0.0.1"
-    port: int = 9876
-    web_port: int | None = None
-    """Also serve the viewer itself to browsers, on this port."""
-    history_bytes: int = 96 << 20
-    """What the server keeps for viewers that come later: at least two groups of pictures, or they see none."""
-    memory_bytes: int = 1 << 30
-    """A server that needs more, because of a viewer that is too slow, is started again."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,7 +24,8 @@ import rerun as rr
 from ghal360_robot.logbook.blueprint import operator_blueprint
 from ghal360_robot.logbook.clock import Anchor
 from ghal360_robot.logbook.encoding import chunk, from_bytes
-from ghal360_robot.logbook.live_feed import LENGTH, SAYS, LiveSettings
+from ghal360_robot.logbook.live_feed import LENGTH, SAYS
+from ghal360_robot.logbook.settings import LiveSettings
 from ghal360_robot.logbook.statics import APPLICATION_ID, Mount, Run, log_statics
 
 if TYPE_CHECKING:

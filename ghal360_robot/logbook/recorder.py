@@ -33,7 +33,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from ghal360_robot.logbook.live_feed import LiveSettings, LiveStats
+    from ghal360_robot.logbook.live_feed import LiveStats
+    from ghal360_robot.logbook.settings import LiveSettings
     from ghal360_robot.logbook.table import Row
     from ghal360_robot.messages import (
         Applied,

@@ -102,7 +102,9 @@ def encode(column: Column, values: Sequence[Value]) -> pa.Array:
         return _vectors(values, column.type)
     if pa.types.is_struct(column.type) and column.type.field(0).name == "shape":
         return _tensors(values, column.type)
-    if column.type == BLOB:
+    if column.type in (strips(2), strips(3)):
+        values = [None if v is None else [np.asarray(line, np.float32).tolist() for line in v] for v in values]
+    elif column.type == BLOB:
         values = [None if v is None else [np.frombuffer(b, np.uint8) for b in v] for v in values]
     return pa.array(values, type=pa.list_(column.type))
 

@@ -31,8 +31,7 @@ class RemoteOperator:
         def arrived(message: OperatorInput) -> None:
             # An operator's clock is not the robot's: what counts is when the message was here.
             message = replace(message, stamp_ns=time.monotonic_ns())
-            robot.board.put_operator(message)
-            robot.recorder.operator(message)
+            robot.take_operator(message)
 
         self._hardware.on_operator = arrived
         try:

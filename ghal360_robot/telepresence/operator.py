@@ -189,9 +189,7 @@ class PageOperator:
         board = robot.board
         match kind:
             case "operator":
-                message = _operator(value)
-                board.put_operator(message)
-                robot.recorder.operator(message)
+                robot.take_operator(_operator(value))
             case "received":
                 robot.recorder.received(Received(**value))
             case "lease":
