@@ -97,13 +97,13 @@ class VideoFunction:
     pipes: tuple[Pipe, ...]
 
     def pipe(self, payload_bytes: int) -> Pipe:
-        """The narrowest pipe that carries `payload_bytes` a packet, or the widest there is.
+        """The narrowest pipe that carries `payload_bytes` a packet; the widest for more, or for 0: not said.
 
         Raises ThetaMalformed if the interface has no endpoint for video at all.
         """
         if not self.pipes:
             raise ThetaMalformed("the camera's video interface has no endpoint; unplug and replug the camera")
-        wide = [p for p in self.pipes if p.endpoint.max_packet_bytes >= payload_bytes]
+        wide = [p for p in self.pipes if p.endpoint.max_packet_bytes >= payload_bytes > 0]
         if wide:
             return min(wide, key=lambda p: p.endpoint.max_packet_bytes)
         return max(self.pipes, key=lambda p: p.endpoint.max_packet_bytes)

@@ -23,6 +23,7 @@ HARMLESS = 0x00000001 | 0x00000004 | 0x00000008 | 0x00000010
 """Bits that do not concern a live stream: nothing is stored, and nobody asks for the time or north."""
 
 CHARGING = ("not charging", "charging", "full")
+LOW_BATTERY_PERCENT = 20  # a V that is not charged streams for another hour and a half
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +40,16 @@ class Health:
     @property
     def faults(self) -> tuple[str, ...]:
         """What the robot's people should know, most urgent first."""
+        return (*self._errors, *self._worries)
+
+    @property
+    def _worries(self) -> tuple[str, ...]:
+        if self.battery_status != 0 or self.battery_percent > LOW_BATTERY_PERCENT:
+            return ()
+        return (f"its battery is down to {self.battery_percent} % and does not charge",)
+
+    @property
+    def _errors(self) -> tuple[str, ...]:
         bits = self.error_bits & ~HARMLESS
         known = tuple(text for bit, text in sorted(ERRORS.items(), reverse=True) if bits & bit)
         unknown = bits & ~sum(ERRORS)

@@ -19,13 +19,17 @@ from drivers.theta_v.codec.probe import Probe, negotiate
 from drivers.theta_v.codec.ptp import CaptureMode, Property
 from drivers.theta_v.device.config import Mode
 from drivers.theta_v.device.ptp_session import PtpSession
-from drivers.theta_v.errors import ThetaError, ThetaMalformed, ThetaRefused, ThetaStall, ThetaTimeout
+from drivers.theta_v.errors import ThetaGone, ThetaMalformed, ThetaRefused, ThetaStall, ThetaTimeout
 from drivers.theta_v.transport.base import UsbTransport
 
 WAKE_S, WAKE_PAUSE_S = 5.0, 0.1  # from sleep to awake; a V takes about two seconds
+ATTENTION_S = 6.0  # for a live camera to wake up and obey; one whose PTP is out of order streams all the same
 
 STAY_AWAKE = {Property.SLEEP_DELAY_S: 0, Property.AUTO_POWER_OFF_S: 0, Property.AUDIO_VOLUME: 0}
 """Never sleep, never switch off, do not beep: a camera on a robot is switched by its power."""
+
+AS_DELIVERED = {Property.SLEEP_DELAY_S: 180, Property.AUTO_POWER_OFF_S: 64800}
+"""Both timers as a V has them from the factory (fact sheet 4.3)."""
 
 log = logging.getLogger(__name__)
 
@@ -58,40 +62,53 @@ def functions(transport: UsbTransport) -> Functions:
     return found
 
 
-async def firmware(transport: UsbTransport, still: StillFunction) -> str:
-    """The camera's firmware version, or "" where PTP is not to be had (another program may hold it)."""
-    try:
-        return (await PtpSession(transport, still).device_info()).version
-    except (ThetaRefused, ThetaStall, ThetaTimeout, ThetaMalformed) as error:
-        log.info("no firmware version: %s", error)
-        return ""
+async def rouse(transport: UsbTransport, still: StillFunction, *, keep_awake: bool) -> str:
+    """Of a camera in live mode, which may sleep there: wake it, set its timers, return its firmware version.
 
-
-async def switch_to_live(transport: UsbTransport, still: StillFunction) -> None:
-    """Wake a camera in MTP mode and send it to live mode; it leaves the bus then. Raises ThetaError."""
+    "" where PTP is not to be had: another program may hold it, and pictures are worth trying for without.
+    """
     session = PtpSession(transport, still)
-    await session.open()
+    version = ""
+    try:
+        async with asyncio.timeout(ATTENTION_S):
+            await session.open()
+            version = (await session.device_info()).version
+            await wake(session)
+            await set_timers(session, keep_awake=keep_awake)
+    except (ThetaRefused, ThetaStall, TimeoutError, ThetaMalformed) as error:
+        log.info("the camera does not listen to PTP: %s", error or "it is busy")
+    return version
+
+
+async def wake(session: PtpSession) -> None:
+    """Wake a camera that sleeps. Raises ThetaError."""
     await session.set(Property.SLEEP_MODE, 0)
     deadline = time.monotonic() + WAKE_S
     while await session.get(Property.SLEEP_MODE) != 0:
         if time.monotonic() > deadline:
             raise ThetaTimeout("the camera does not wake up; press its power button")
         await asyncio.sleep(WAKE_PAUSE_S)
-    await stay_awake(session)
-    await session.set(Property.CAPTURE_MODE, CaptureMode.LIVE)
-    try:
-        await session.close()
-    except ThetaError as error:
-        log.debug("the camera left before the session was closed: %s", error)
 
 
-async def stay_awake(session: PtpSession) -> None:
-    """Forbid sleep and automatic power-off. What this camera refuses is only noted; raises ThetaError else."""
-    for code, value in STAY_AWAKE.items():
+async def set_timers(session: PtpSession, *, keep_awake: bool) -> None:
+    """Forbid sleep and automatic power-off, or put them back to what a new camera does.
+
+    What this camera refuses is only noted; raises ThetaError else.
+    """
+    for code, value in (STAY_AWAKE if keep_awake else AS_DELIVERED).items():
         try:
             await session.set(code, value)
         except ThetaRefused as error:
             log.info("%s", error)
+
+
+async def switch_to_live(transport: UsbTransport, still: StillFunction, *, keep_awake: bool = True) -> None:
+    """Wake a camera in MTP mode and send it to live mode; it leaves the bus then. Raises ThetaError."""
+    session = PtpSession(transport, still)
+    await session.open()
+    await wake(session)
+    await set_timers(session, keep_awake=keep_awake)
+    await _send_to(session, CaptureMode.LIVE)
 
 
 async def leave_live(transport: UsbTransport) -> None:
@@ -101,7 +118,17 @@ async def leave_live(transport: UsbTransport) -> None:
         raise ThetaRefused("the camera has no PTP interface to change its mode by; replug it")
     session = PtpSession(transport, still)
     await session.open()
-    await session.set(Property.CAPTURE_MODE, CaptureMode.STILL)
+    await wake(session)
+    await _send_to(session, CaptureMode.STILL)
+
+
+async def _send_to(session: PtpSession, mode: CaptureMode) -> None:
+    """Whether it obeyed shows in how it comes back: it may leave before it answers. Raises PtpRefused."""
+    try:
+        await session.set(Property.CAPTURE_MODE, mode)
+        await session.close()
+    except (ThetaGone, ThetaTimeout, ThetaStall) as error:
+        log.debug("the camera left before the end of the session: %s", error)
 
 
 async def agree(transport: UsbTransport, video: VideoFunction, mode: Mode) -> Agreement:

@@ -16,7 +16,7 @@ from drivers.theta_v.codec.health import Health
 from drivers.theta_v.device import bringup
 from drivers.theta_v.device.collector import AccessUnitHook, Collector
 from drivers.theta_v.device.config import ThetaConfig
-from drivers.theta_v.device.ladder import Ladder, Step
+from drivers.theta_v.device.ladder import Drought, Ladder, Step
 from drivers.theta_v.device.mailbox import Mailbox
 from drivers.theta_v.device.stats import Link, ThetaStats
 from drivers.theta_v.device.watch import watch
@@ -80,7 +80,7 @@ class ThetaV:
             self._task = asyncio.create_task(self._stream_once(video, agreement))
         else:
             self._task = asyncio.create_task(self._keep_streaming())
-            self._task.add_done_callback(self._ended)
+        self._task.add_done_callback(self._ended)
         return self
 
     async def __aexit__(
@@ -186,13 +186,14 @@ class ThetaV:
         found = bringup.functions(transport)
         if found.video is None and found.still is not None:
             serial = transport.identity.serial
-            await bringup.switch_to_live(transport, found.still)
+            await bringup.switch_to_live(transport, found.still, keep_awake=self.config.keep_awake)
             await self._let_go()
             transport = await self._await_return(serial)
             found = bringup.functions(transport)
         if found.video is None:
             raise ThetaGone("the camera did not change to live mode; use its mode button")
-        self._firmware = await bringup.firmware(transport, found.still) if found.still else ""
+        if found.still is not None:
+            self._firmware = await bringup.rouse(transport, found.still, keep_awake=self.config.keep_awake)
         self._link = Link.CONFIGURING
         return found.video, await bringup.agree(transport, found.video, self.config.mode)
 
@@ -218,19 +219,25 @@ class ThetaV:
         return transport
 
     async def _await_return(self, serial: str) -> UsbTransport:
-        """Wait for the camera to come back in live mode. Raises ThetaTimeout."""
+        """Wait for the camera to come back in live mode. Raises ThetaTimeout.
+
+        Whatever else it says meanwhile passes: until udev has seen it, its new face belongs to root alone.
+        """
         deadline = time.monotonic() + self.config.reenumeration_s
+        last: ThetaError | None = None
         while time.monotonic() < deadline:
             try:
                 transport = await self._open(serial or None)
                 if bringup.functions(transport).video is not None:
                     return transport
                 await self._let_go()
-            except (ThetaNotFound, ThetaGone) as error:
+            except ThetaError as error:
                 log.debug("still away: %s", error)
+                last = error
                 await self._let_go()
             await asyncio.sleep(RETURN_PAUSE_S)
-        raise ThetaTimeout("the camera did not come back in live mode; unplug and replug it")
+        why = "unplug and replug it" if last is None or isinstance(last, ThetaNotFound) else str(last)
+        raise ThetaTimeout(f"the camera did not come back in live mode; {why}")
 
     async def _stream(self, video: VideoFunction, agreement: bringup.Agreement) -> None:
         """Stream until the camera is lost. Always ends with a ThetaError."""
@@ -238,6 +245,7 @@ class ThetaV:
         await self._start(video, agreement)
         self._begin_watch()
         ladder = Ladder(time.monotonic_ns(), stall_s=config.stall_s, first_picture_s=config.first_picture_s)
+        drought = Drought(config.key_picture_s)
         while True:
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(WATCH_S):
@@ -246,11 +254,14 @@ class ThetaV:
                 raise ThetaGone(self._reason)
             now_ns = time.monotonic_ns()
             step = ladder.due(now_ns, self._collector.last_end_ns)
+            what = f"no picture for {config.stall_s:g} s"
+            if step is None and drought.due(now_ns, self._collector.thirsty_since_ns):
+                step, what = Step.RESTART, "no whole key picture for too long"
             if step is None:
                 if self._detail and now_ns - (self._collector.last_end_ns or 0) < config.stall_s * 1e9:
                     self._detail = ""
                 continue
-            self._detail = f"no picture for {config.stall_s:g} s: {step.value}"
+            self._detail = f"{what}: {step.value}"
             log.warning("camera: %s", self._detail)
             if step is Step.REOPEN:
                 raise ThetaTimeout("the camera sends no pictures and restarting it did not help; replug it")
@@ -265,9 +276,9 @@ class ThetaV:
         if step in (Step.TOGGLE, Step.RESET):
             await self._end_watch()
         if step is Step.TOGGLE:
-            await bringup.leave_live(transport)
             self._returning = transport.identity.serial or None
             self._returning_until = time.monotonic() + self.config.reenumeration_s
+            await bringup.leave_live(transport)
             raise ThetaGone("the camera was sent to still mode, to be fetched back")
         if step is Step.RESET:
             await transport.reset()
@@ -284,7 +295,9 @@ class ThetaV:
         transport = self._open_transport()
         still = bringup.functions(transport).still
         if still is not None and self.config.health_s > 0:
-            self._watch = asyncio.create_task(watch(transport, still, self.config.health_s, self._is_well))
+            config = self.config
+            beside = watch(transport, still, config.health_s, self._is_well, keep_awake=config.keep_awake)
+            self._watch = asyncio.create_task(beside)
 
     async def _end_watch(self) -> None:
         task, self._watch = self._watch, None
@@ -301,7 +314,7 @@ class ThetaV:
 
     async def _start(self, video: VideoFunction, agreement: bringup.Agreement) -> None:
         transport, pipe = self._open_transport(), agreement.pipe
-        self._collector.restart()
+        self._collector.restart(agreement.probe.framing)
         if pipe.alternate:  # a bulk pipe in setting 0 streams from the commit on
             await transport.set_interface(video.interface, pipe.alternate)
         await transport.start_video(pipe.endpoint, agreement.probe.max_payload_bytes, self._collector.packets)

@@ -32,6 +32,8 @@ class Collector:
         """Times the recorder's hook raised; the stream goes on without it."""
         self.last_end_ns: int | None = None
         """When the newest unit ended, whatever was in it: the camera's sign of life."""
+        self.thirsty_since_ns: int | None = None
+        """Since when pictures come, but somebody waits for a key picture: the stream is tainted, or a reader joins."""
         self._hook, self._packet_hook = hook, packet_hook
         self._assembler = Assembler(opens=opens_stream)
         self._tracker = AccessUnitTracker()
@@ -52,10 +54,11 @@ class Collector:
     def dropped(self) -> int:
         return self._dropped_before + sum(m.dropped for m in self._mailboxes)
 
-    def restart(self) -> None:
-        """A new stream begins; only while none is running."""
-        self._assembler = Assembler(opens=opens_stream)
+    def restart(self, framing: int) -> None:
+        """A new stream begins, with the bmFramingInfo agreed; only while none is running."""
+        self._assembler = Assembler(opens=opens_stream, framing=framing)
         self._tracker.restart()
+        self.thirsty_since_ns = None
 
     def subscribe(self, mailbox: Mailbox) -> None:
         self._mailboxes = (*self._mailboxes, mailbox)
@@ -88,6 +91,10 @@ class Collector:
                 mailbox.put(unit)
             except RuntimeError:
                 log.debug("a picture came after the event loop had ended")
+        if not unit.tainted and not any(mailbox.thirsty for mailbox in self._mailboxes):
+            self.thirsty_since_ns = None
+        elif self.thirsty_since_ns is None:
+            self.thirsty_since_ns = unit.stamp_ns
 
     def _tell(self, hook: Callable[[], None]) -> None:
         """A recorder that fails, whatever its reason, must not stop the pictures."""

@@ -34,6 +34,8 @@ class ThetaConfig:
     """Without a picture for so long the recovery ladder begins: thirty pictures are missing by then."""
     first_picture_s: float = 3.0
     """As stall_s, for the first picture after a start: the camera's encoder has to get going."""
+    key_picture_s: float = 5.0
+    """So long damage is carried, or a reader kept waiting, for want of a key picture; then the stream is restarted."""
     reenumeration_s: float = 10.0
     """How long the camera may take to come back after the switch to live mode (fact sheet 4.4)."""
     backoff_min_s: float = 0.25
@@ -42,3 +44,5 @@ class ThetaConfig:
     """A camera plugged in again is found at the latest after this long."""
     health_s: float = 10.0
     """How often battery and faults are asked for while streaming; also keeps the camera awake. 0: never."""
+    keep_awake: bool = True
+    """Never let it sleep or switch itself off. False is for finding out when it would: with `health_s` 0."""

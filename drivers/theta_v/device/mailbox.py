@@ -31,6 +31,11 @@ class Mailbox:
         self._closed = False
         self._error: ThetaError | None = None
 
+    @property
+    def thirsty(self) -> bool:
+        """Whether pictures are held back until a key picture comes."""
+        return not self._closed and (self._overrun or not self._joined)
+
     def put(self, unit: AccessUnit) -> None:
         """From any thread. Raises RuntimeError when the event loop has ended."""
         with self._lock:

@@ -14,15 +14,17 @@ from dataclasses import dataclass
 from enum import Enum
 
 from drivers.theta_v.codec import h264
-from drivers.theta_v.codec.ptp import CaptureMode
+from drivers.theta_v.codec.ptp import CaptureMode, Property
 from drivers.theta_v.errors import ThetaGone, ThetaNotFound, ThetaStall
 from drivers.theta_v.simulator import descriptors as d
-from drivers.theta_v.simulator.faults import Cure, FaultPlan, PowerCycle, Unplug
+from drivers.theta_v.simulator.faults import Cure, FaultPlan, Overheat, PowerCycle, Unplug
 from drivers.theta_v.simulator.ptp import PtpResponder
 from drivers.theta_v.simulator.video import Burst, Demand, ProtocolStall, VideoStreaming
 
-REPLY_NS = 50_000_000  # what the host gets to fetch the answer before the device leaves the bus
+REPLY_S = 0.05  # what the host gets to fetch the answer before the device leaves the bus
 REENUMERATION_S = 0.5  # unknown for the V; of a phone of its age, one to three seconds
+
+BOARD_HOT, BOARD_TOO_HOT = 0x00100000, 0x80000000  # ErrorInfo (fact sheet 4.3)
 
 DEVICE_TYPE, CONFIGURATION_TYPE, STRING_TYPE, QUALIFIER_TYPE = 1, 2, 3, 6
 CT_AE_MODE, CT_AE_PRIORITY = 0x0200, 0x0300
@@ -54,7 +56,7 @@ class Setup:
 class SimulatedThetaV:
     """One camera. Thread-safe: `offer` may come from any thread, ports are used from others.
 
-    `lock`, `video`, `generation` and `held` are for `Port` alone.
+    `lock`, `video`, `generation`, `held` and `talked` are for `Port` alone.
     """
 
     def __init__(
@@ -68,13 +70,15 @@ class SimulatedThetaV:
         probe_bytes: int = 48,
         bulk_video: bool = False,
         reenumeration_s: float = REENUMERATION_S,
+        reply_s: float = REPLY_S,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self.serial = serial
         self.clock = clock
         self._firmware = firmware
         self._plan = plan or FaultPlan()
-        self._reenumeration_ns = round(reenumeration_s * 1e9)
+        self._reenumeration_ns, self._reply_ns = round(reenumeration_s * 1e9), round(reply_s * 1e9)
+        self._talked_ns = clock()
         self.lock = threading.RLock()
         self.bulk_video = bulk_video
         self.video = VideoStreaming(self._plan, probe_bytes, bulk=bulk_video)
@@ -89,6 +93,8 @@ class SimulatedThetaV:
         for event in self._plan.events:
             if isinstance(event, Unplug | PowerCycle):
                 self._plan_absence(started + round(event.at_s * 1e9), event)
+            elif isinstance(event, Overheat):
+                self._plan_heat(started, event)
 
     @property
     def present(self) -> bool:
@@ -105,7 +111,7 @@ class SimulatedThetaV:
         """The pictures the host wants now, or None while it wants none: then `offer` throws them away."""
         self._advance()
         with self.lock:
-            return self.video.demand if self._present else None
+            return self.video.demand if self._present and not self._ptp.asleep else None
 
     @property
     def wants_keyframe(self) -> bool:
@@ -145,7 +151,8 @@ class SimulatedThetaV:
         with self.lock:
             if keyframe is None:
                 keyframe = any(n.kind == h264.IDR for n in h264.split(access_unit))
-            taken = self._present and self.video.offer(access_unit, self.clock(), keyframe)
+            awake = self._present and not self._ptp.asleep
+            taken = awake and self.video.offer(access_unit, self.clock(), keyframe)
         if taken:
             for listener in self._listeners:
                 listener()
@@ -176,13 +183,21 @@ class SimulatedThetaV:
             if self.held:
                 raise ThetaStall("another host holds the simulated camera")
             self.held = True
+            self.talked()
             self.video.reset()
             self._ptp.reset()
             return Port(self, self.generation)
 
     def _responder(self, *, asleep: bool) -> PtpResponder:
         mode = CaptureMode.LIVE if self._composition is Composition.LIVE else CaptureMode.STILL
-        return PtpResponder(self.serial, self._firmware, mode, self._change_mode, self._power_down, asleep=asleep)
+        return PtpResponder(
+            self.serial, self._firmware, mode, self._change_mode, self._power_down, asleep=asleep,
+            first_session=self._plan.first_session,
+        )  # fmt: skip
+
+    def talked(self) -> None:
+        """The host said something on PTP: that puts sleep off."""
+        self._talked_ns = self.clock()
 
     def _advance(self) -> None:
         """Let everything happen that is due."""
@@ -191,20 +206,31 @@ class SimulatedThetaV:
             while self._agenda and self._agenda[0][0] <= now:
                 at, action = self._agenda.pop(0)
                 action(at)
+            # Whether a V falls asleep while it streams is unknown (fact sheet 4.4): this one does.
+            delay_s = self._ptp.sleep_delay_s
+            if delay_s and not self._ptp.asleep and now - self._talked_ns > delay_s * 1e9:
+                self._ptp.fall_asleep()
+                self.video.wants_keyframe = True
 
     def _at(self, at_ns: int, action: Callable[[int], None]) -> None:
         self._agenda.append((at_ns, action))
         self._agenda.sort(key=lambda entry: entry[0])
 
-    def _plan_absence(self, at_ns: int, event: Unplug | PowerCycle) -> None:
+    def _plan_absence(self, at_ns: int, event: Unplug | PowerCycle | Overheat) -> None:
         def back(_: int) -> None:
-            if isinstance(event, PowerCycle):
+            if not isinstance(event, Unplug):
                 self._composition = Composition.MTP
                 self._ptp = self._responder(asleep=True)
             self._attach()
 
         self._at(at_ns, lambda _: self._detach())
         self._at(at_ns + round(event.for_s * 1e9), back)
+
+    def _plan_heat(self, started_ns: int, event: Overheat) -> None:
+        warned, hot = (started_ns + round(s * 1e9) for s in (event.at_s, event.at_s + event.warned_s))
+        self._at(warned, lambda _: self._ptp.set(Property.ERROR_INFO, BOARD_HOT))
+        self._at(hot, lambda _: self._ptp.set(Property.ERROR_INFO, BOARD_HOT | BOARD_TOO_HOT))
+        self._plan_absence(hot + self._reply_ns, event)
 
     def _change_mode(self, mode: CaptureMode) -> None:
         wanted = Composition.LIVE if mode is CaptureMode.LIVE else Composition.MTP
@@ -216,12 +242,12 @@ class SimulatedThetaV:
             self.video.cure(Cure.TOGGLE)
             self._attach()
 
-        leaves = self.clock() + REPLY_NS
+        leaves = self.clock() + self._reply_ns
         self._at(leaves, lambda _: self._detach())
         self._at(leaves + self._reenumeration_ns, back)
 
     def _power_down(self) -> None:
-        self._at(self.clock() + REPLY_NS, lambda _: self._detach())
+        self._at(self.clock() + self._reply_ns, lambda _: self._detach())
 
     def _detach(self) -> None:
         self._present = self.held = False
@@ -230,6 +256,7 @@ class SimulatedThetaV:
 
     def _attach(self) -> None:
         self._present = True
+        self.talked()
         self.video.reset()
         self._ptp.reset()
 
@@ -278,6 +305,7 @@ class Port:
             self._check()
             if endpoint != d.PTP_OUT:
                 raise ThetaStall(f"no OUT endpoint {endpoint:#04x}")
+            self._camera.talked()
             self._camera.ptp.receive(data)
 
     def read(self, endpoint: int, length: int) -> bytes | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntEnum
+from enum import Enum, IntEnum
 
 import numpy as np
 
@@ -50,6 +50,23 @@ class PowerCycle:
 
 
 @dataclass(frozen=True, slots=True)
+class Overheat:
+    """At `at_s` the board says it gets hot, `warned_s` later that it is too hot; it is off then for `for_s`."""
+
+    at_s: float
+    warned_s: float
+    for_s: float
+
+
+class FirstSession(Enum):
+    """How a sleeping camera fails the first session (fact sheet 3.4: seen, but not how)."""
+
+    REFUSES = "refuses"
+    SILENT = "silent"
+    STALLS = "stalls"
+
+
+@dataclass(frozen=True, slots=True)
 class FaultPlan:
     """Rates are probabilities: of a packet for the first five, of a picture for the other two."""
 
@@ -68,7 +85,8 @@ class FaultPlan:
     """The end-of-frame bit is not set."""
     lost_pictures: float = 0.0
     """All packets of a picture vanish."""
-    events: tuple[Stall | Unplug | PowerCycle, ...] = ()
+    events: tuple[Stall | Unplug | PowerCycle | Overheat, ...] = ()
+    first_session: FirstSession = FirstSession.REFUSES
 
     @property
     def has_rates(self) -> bool:

@@ -25,6 +25,7 @@ from drivers.theta_v.codec.ptp import (
 )
 from drivers.theta_v.errors import ThetaMalformed, ThetaStall
 from drivers.theta_v.simulator.descriptors import MANUFACTURER, PRODUCT
+from drivers.theta_v.simulator.faults import FirstSession
 from drivers.theta_v.simulator.properties import (
     EVENTS,
     OPERATIONS,
@@ -55,6 +56,7 @@ class PtpResponder:
         on_power_down: Callable[[], None],
         *,
         asleep: bool = False,
+        first_session: FirstSession = FirstSession.REFUSES,
     ) -> None:
         self.properties = factory_properties(serial, mode, asleep=asleep)
         self._on_mode, self._on_power_down = on_mode, on_power_down
@@ -63,6 +65,7 @@ class PtpResponder:
             playback_formats=PLAYBACK_FORMATS,
         )  # fmt: skip
         self._drowsy = asleep
+        self._first_session = first_session
         self.busy = 0
         """How many more questions about properties get DeviceBusy for an answer."""
         self.reset()
@@ -75,6 +78,19 @@ class PtpResponder:
         self._halted = False
         self._answers: deque[bytes] = deque(maxlen=MAX_QUEUED)
         self._events: deque[bytes] = deque(maxlen=MAX_QUEUED)
+
+    @property
+    def asleep(self) -> bool:
+        return bool(self.properties[Property.SLEEP_MODE].current)
+
+    @property
+    def sleep_delay_s(self) -> int:
+        """0: it never falls asleep."""
+        return int(self.properties[Property.SLEEP_DELAY_S].current)
+
+    def fall_asleep(self) -> None:
+        self.set(Property.SLEEP_MODE, 1)
+        self._drowsy = not self._session
 
     def set(self, code: int, value: Value) -> None:
         """The camera itself changes a property, and says so."""
@@ -133,13 +149,16 @@ class PtpResponder:
                 self._pending = container
             else:
                 self._answer(container, b"")
-        elif container.kind == DATA and self._pending is not None and self._pending.code == container.code:
+        elif container.kind == DATA and self._pending is not None and _belongs(container, self._pending):
             command, self._pending = self._pending, None
             self._answer(command, container.body)
         else:
             raise ThetaMalformed(f"PTP container of type {container.kind} out of turn")
 
     def _answer(self, command: Container, data: bytes) -> None:
+        if command.code == Operation.OPEN_SESSION and self._drowsy and self._first_session is FirstSession.SILENT:
+            self._drowsy = False
+            return
         response, result = self._execute(command, data)
         if result is not None and response is Response.OK:
             self._push(Container(DATA, command.code, command.transaction, result))
@@ -185,6 +204,8 @@ class PtpResponder:
             return Response.SESSION_ALREADY_OPEN
         if self._drowsy:
             self._drowsy = False
+            if self._first_session is FirstSession.STALLS:
+                raise ThetaMalformed("a sleeping camera opens no session")
             return Response.GENERAL_ERROR
         self._session = True
         return Response.OK
@@ -229,6 +250,10 @@ class PtpResponder:
             return Response.DEVICE_BUSY
         if code not in self.properties:
             return Response.PROPERTY_NOT_SUPPORTED
-        if self.properties[Property.SLEEP_MODE].current and code not in WHILE_ASLEEP:
+        if self.asleep and code not in WHILE_ASLEEP:
             return Response.DEVICE_BUSY
         return Response.INVALID_FORMAT if code == UNREADABLE else None
+
+
+def _belongs(data: Container, command: Container) -> bool:
+    return (data.code, data.transaction) == (command.code, command.transaction)

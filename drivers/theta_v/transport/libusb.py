@@ -197,8 +197,8 @@ class LibUsbTransport(OpenedCamera):
             try:
                 await self._blocking(partial(self._take, device), "opening")
                 who = await self.read_descriptors(self)
-            except (ThetaRefused, ThetaGone) as error:
-                refused = error
+            except ThetaError as error:
+                refused = error  # another one may do better
             else:
                 if who.is_theta and serial in (None, who.serial):
                     return

@@ -18,7 +18,9 @@ KEY_INTERVAL = 10
 
 
 @cache
-def stream(count: int, width: int = 64, height: int = 32, seed: int = 0) -> tuple[bytes, ...]:
+def stream(
+    count: int, width: int = 64, height: int = 32, seed: int = 0, key_interval: int = KEY_INTERVAL
+) -> tuple[bytes, ...]:
     """`count` access units: baseline, Annex B, SPS and PPS in key pictures, one slice, no B-pictures."""
     context = av.CodecContext.create("libx264", "w")
     context.width, context.height, context.pix_fmt = width, height, "yuv420p"
@@ -26,7 +28,7 @@ def stream(count: int, width: int = 64, height: int = 32, seed: int = 0) -> tupl
     context.options = {
         "profile": "baseline",
         "tune": "zerolatency",
-        "x264-params": f"keyint={KEY_INTERVAL}:min-keyint={KEY_INTERVAL}:scenecut=0:repeat-headers=1:annexb=1"
+        "x264-params": f"keyint={key_interval}:min-keyint={key_interval}:scenecut=0:repeat-headers=1:annexb=1"
         ":bframes=0:sliced-threads=0:threads=1:slices=1:log-level=error",
     }
     rng = np.random.default_rng(seed)

@@ -8,15 +8,18 @@ from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import replace
 
 import pytest
+import usb1
 
 from drivers.theta_v import AccessUnit, Mode, ThetaConfig, ThetaV
 from drivers.theta_v.codec.ptp import Property
+from drivers.theta_v.device import ptp_session, watch
 from drivers.theta_v.device.camera import TransportFactory
+from drivers.theta_v.device.ladder import Ladder
 from drivers.theta_v.device.stats import Link
 from drivers.theta_v.errors import ThetaGone, ThetaNotFound, ThetaRefused, ThetaWrongDevice
 from drivers.theta_v.simulator.attached import AttachedTransport
 from drivers.theta_v.simulator.camera import Composition, SimulatedThetaV
-from drivers.theta_v.simulator.faults import Cure, FaultPlan, PowerCycle, Stall, Unplug
+from drivers.theta_v.simulator.faults import Cure, FaultPlan, FirstSession, Overheat, PowerCycle, Stall, Unplug
 from drivers.theta_v.simulator.usbip_server import UsbIpServer
 from drivers.theta_v.transport.base import GoneSink
 from drivers.theta_v.transport.libusb import LibUsbTransport
@@ -235,7 +238,147 @@ async def test_a_live_camera_is_kept_awake_and_asked_how_it_is(front: Front) -> 
                 assert camera.stats.tainted == 0
 
 
-async def test_a_camera_that_is_busy_for_ever_streams_without_being_watched() -> None:
+async def test_a_camera_that_sleeps_in_live_mode_is_woken() -> None:
+    """As one that waited for the robot to be switched on."""
+    simulated = SimulatedThetaV(asleep=True)
+    with Feeder(simulated, PICTURES):
+        async with ThetaV(lambda: AttachedTransport(simulated), QUICK) as camera:
+            assert (await take(camera, 3))[0].keyframe
+            assert camera.stats.restarts == 0
+
+
+@pytest.mark.parametrize("first_session", FirstSession)
+async def test_however_a_sleeping_camera_fails_the_first_session_the_next_one_does(
+    first_session: FirstSession, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ptp_session, "ANSWER_S", 0.1)
+    monkeypatch.setattr(ptp_session, "OPEN_PAUSE_S", 0.01)
+    plan = FaultPlan(first_session=first_session)
+    simulated = SimulatedThetaV(composition=Composition.MTP, asleep=True, reenumeration_s=0.1, plan=plan)
+    with Feeder(simulated, PICTURES):
+        async with ThetaV(lambda: AttachedTransport(simulated), QUICK, once=True) as camera:
+            assert (await take(camera, 3))[0].keyframe
+
+
+async def test_a_camera_that_leaves_for_live_mode_before_it_answers_is_waited_for() -> None:
+    simulated = SimulatedThetaV(composition=Composition.MTP, reenumeration_s=0.1, reply_s=0.0)
+    with Feeder(simulated, PICTURES):
+        async with ThetaV(lambda: AttachedTransport(simulated), QUICK, once=True) as camera:
+            assert (await take(camera, 3))[0].keyframe
+
+
+async def test_a_camera_that_belongs_to_root_until_udev_has_seen_its_new_face_is_waited_for() -> None:
+    simulated = SimulatedThetaV(composition=Composition.MTP, reenumeration_s=0.05)
+    machine = Machine(simulated)
+    refused: list[str] = []
+
+    def factory() -> LibUsbTransport:
+        new_face = simulated.composition is Composition.LIVE
+        if new_face and len(refused) < 2:
+            refused.append("open")
+            machine.refusals["open"] = usb1.USBErrorAccess
+        else:
+            machine.refusals.pop("open", None)
+        return LibUsbTransport(open_context=machine.context)
+
+    with Feeder(simulated, PICTURES):
+        async with ThetaV(factory, QUICK, once=True) as camera:
+            assert (await take(camera, 3))[0].keyframe
+    assert len(refused) == 2
+
+
+async def test_damage_is_not_carried_for_ever_where_key_pictures_never_come_by_themselves() -> None:
+    """The film has one key picture and a hole; a new start is the only way to another key picture."""
+    film = stream(400, 64, 32, key_interval=1000)
+    simulated = SimulatedThetaV()
+    seen: list[AccessUnit] = []
+    with Feeder(simulated, film[:20] + film[21:]):
+        quick = replace(QUICK, key_picture_s=0.3)
+        async with ThetaV(lambda: AttachedTransport(simulated), quick, on_access_unit=seen.append) as camera:
+            await until(lambda: camera.stats.restarts > 0)
+            assert any(u.tainted for u in seen)
+            damaged = len(seen)
+            await until(lambda: any(u.keyframe and not u.tainted for u in seen[damaged:]))
+            assert camera.stats.reconnects == 0
+
+
+async def test_a_mistake_of_the_driver_ends_the_pictures_instead_of_leaving_the_reader_waiting(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    simulated = SimulatedThetaV()
+    camera = ThetaV(lambda: AttachedTransport(simulated), QUICK, once=True)
+    with Feeder(simulated, PICTURES):
+        await camera.__aenter__()
+        units = camera.access_units()
+        await anext(units)
+        monkeypatch.setattr(Ladder, "due", lambda *_: 1 / 0)
+        await asyncio.wait_for(exhaust(units), 10)
+    with pytest.raises(ZeroDivisionError):
+        await camera.close()
+
+
+async def test_one_error_on_the_ptp_pipe_does_not_end_the_watch(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(watch, "RETRY_S", 0.02)
+    errors: list[str] = []
+
+    class Flaky(AttachedTransport):
+        async def bulk_in(self, endpoint: int, length: int, timeout_s: float = 3.0) -> bytes:
+            if camera.stats.battery_percent is not None and not errors:
+                errors.append("once")
+                raise ThetaGone("USB error 1 during endpoint 0x81")
+            return await super().bulk_in(endpoint, length, timeout_s)
+
+    simulated = SimulatedThetaV()
+    with Feeder(simulated, PICTURES):
+        async with ThetaV(lambda: Flaky(simulated), replace(QUICK, health_s=0.02)) as camera:
+            await until(lambda: bool(errors))
+            simulated.ptp.set(Property.BATTERY_LEVEL, 42)
+            await until(lambda: camera.stats.battery_percent == 42)
+            assert camera.stats.reconnects == 0
+
+
+@fronts
+async def test_what_the_camera_says_unasked_is_heard_long_before_it_would_be_asked(
+    front: Front, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(watch, "LULL_S", 0.02)
+    simulated = SimulatedThetaV()
+    async with front(simulated) as factory:
+        async with ThetaV(factory, replace(QUICK, health_s=1000)) as camera:
+            await until(lambda: camera.stats.battery_percent == 98)
+            simulated.ptp.set(Property.CAPTURE_MODE, 0x8005)  # of no interest
+            simulated.ptp.set(Property.ERROR_INFO, 0x80000000)
+            await until(lambda: bool(camera.stats.faults))
+
+
+async def test_a_camera_that_overheats_says_so_goes_and_is_taken_up_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(watch, "LULL_S", 0.02)
+    plan = FaultPlan(events=(Overheat(0.2, 0.3, 0.2),))
+    simulated = SimulatedThetaV(plan=plan, reenumeration_s=0.1)
+    told: list[tuple[str, ...]] = []
+    with Feeder(simulated, PICTURES):
+        async with ThetaV(
+            lambda: AttachedTransport(simulated), QUICK, on_health=lambda health: told.append(health.faults)
+        ) as camera:
+            await until(lambda: camera.stats.reconnects > 0 and camera.stats.link is Link.STREAMING)
+            await until(lambda: camera.stats.faults == ())
+    said = list(dict.fromkeys(told))
+    assert said[:2] == [(), ("its board gets hot",)]
+    assert "its board is too hot, it will switch off" in said[2]
+
+
+@pytest.mark.parametrize(("keep_awake", "timers"), [(True, (0, 0)), (False, (180, 64800))])
+async def test_the_sleep_timers_are_set_to_never_or_as_delivered(keep_awake: bool, timers: tuple[int, int]) -> None:
+    simulated = SimulatedThetaV()
+    simulated.ptp.set(Property.SLEEP_DELAY_S, 77)
+    async with ThetaV(lambda: AttachedTransport(simulated), replace(QUICK, keep_awake=keep_awake, health_s=0)):
+        await until(lambda: simulated.demand is not None)
+    properties = simulated.ptp.properties
+    assert (properties[Property.SLEEP_DELAY_S].current, properties[Property.AUTO_POWER_OFF_S].current) == timers
+
+
+async def test_a_camera_that_is_busy_for_ever_streams_without_being_watched(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ptp_session, "BUSY_S", 0.1)
     simulated = SimulatedThetaV()
     simulated.ptp.busy = 10**9
     with Feeder(simulated, PICTURES):

@@ -117,6 +117,34 @@ def test_a_unit_that_lacks_its_beginning_or_holds_two_pictures_is_damaged() -> N
     assert units[1].taint == "a picture is damaged: two pictures run into one another"
 
 
+def test_slices_of_two_pictures_in_one_unit_are_damage() -> None:
+    first = PICTURES[1]
+    other = bytearray(PICTURES[3])
+    at = h264.split(PICTURES[3])[0].start
+    other[at + 1] = 0b01001100 | other[at + 1] & 0b00000011  # first_mb_in_slice = 1: not the first slice
+    units = track([unit(PICTURES[0]), unit(first + bytes(other))])
+    assert units[1].damaged
+
+
+def test_frames_that_vanished_before_parameter_sets_of_their_own_unit_are_counted() -> None:
+    sets, rest = only(PICTURES[10], h264.SPS, h264.PPS), without(PICTURES[10], h264.SPS, h264.PPS)
+    tracker = AccessUnitTracker()
+    for part in (unit(PICTURES[0]), unit(sets, follows_loss=True), unit(rest)):
+        tracker.feed(part)
+    assert tracker.lost == 1
+
+
+@given(st.lists(st.sampled_from([b"\0", b"\1", b"\0\0\1", b"\0\0\0\1\x67", b"abc"]), max_size=60))
+def test_nal_units_are_found_wherever_the_search_is_cut(pieces: list[bytes]) -> None:
+    data = b"".join(pieces)
+    whole = h264.split(data)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(h264, "SEARCHED_AT_ONCE", 7)
+        assert h264.split(data) == whole
+    heads = [at + 3 for at in range(len(data) - 2) if data[at : at + 3] == b"\0\0\1"]
+    assert [nal.start for nal in whole] == [at for at in heads if data[at:].split(b"\0\0\1")[0].rstrip(b"\0")]
+
+
 def test_after_an_interruption_nothing_is_trusted_before_a_key_picture() -> None:
     tracker = AccessUnitTracker()
     tracker.feed(unit(PICTURES[0]))

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.theta_v.codec.access_units import AccessUnit
-from drivers.theta_v.device.ladder import Ladder, Step
+from drivers.theta_v.device.ladder import ORDER, Drought, Ladder, Step
 from drivers.theta_v.device.mailbox import Mailbox
 from drivers.theta_v.errors import ThetaGone
 
@@ -103,5 +103,26 @@ def test_the_ladder_goes_from_restart_to_reopen_and_forgets_when_pictures_come()
         assert ladder.due(now + S // 2, None) is None
         now += S
     assert taken == [Step.RESTART, Step.RESTART, Step.RENEGOTIATE, Step.RESET, Step.TOGGLE, Step.REOPEN]
-    assert ladder.due(now, now - S // 2) is None
-    assert ladder.due(now + S, now - S // 2) is Step.RESTART
+    assert ladder.due(now + S, now + S // 2) is None
+    assert ladder.due(now + 7 * S, now + 6 * S) is Step.RESTART
+
+
+def test_a_stream_that_stalls_again_and_again_after_a_few_pictures_climbs_the_ladder_too() -> None:
+    ladder = Ladder(0, stall_s=1, first_picture_s=3)
+    taken, now = [], 0
+    for _ in range(6):
+        picture = now + S // 2
+        assert ladder.due(picture, picture) is None
+        now = picture + S
+        taken.append(ladder.due(now, picture))
+        ladder.started(now)
+    assert taken == list(ORDER)
+
+
+def test_a_key_picture_is_fetched_when_somebody_waits_for_one_and_not_all_the_time() -> None:
+    drought = Drought(5)
+    assert not drought.due(100 * S, None)
+    asked = [at for at in range(100, 400) if drought.due(at * S, 100 * S)]
+    assert asked == [105, 115, 135, 175, 235, 295, 355]
+    assert not drought.due(400 * S, None)
+    assert drought.due(405 * S, 400 * S)

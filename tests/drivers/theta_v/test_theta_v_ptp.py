@@ -190,6 +190,14 @@ async def test_a_halted_pipe_is_cleared_for_the_next_operation() -> None:
     await transport.close()
 
 
+def test_data_that_belongs_to_another_operation_is_no_ptp() -> None:
+    host = Host()
+    host.ask(ptp.command(0x1002, 0, 1))
+    host.responder.receive(ptp.command(SET, 1, Property.SLEEP_MODE).encode())
+    with pytest.raises(ThetaStall):
+        host.responder.receive(Container(DATA, SET, 2, b"\0").encode())
+
+
 def test_an_event_fills_its_packet_of_28_bytes() -> None:
     host = Host()
     host.responder.set(Property.BATTERY_LEVEL, 50)
@@ -210,6 +218,14 @@ def test_an_event_fills_its_packet_of_28_bytes() -> None:
 ])  # fmt: skip
 def test_faults_are_told_in_words_and_what_does_not_concern_a_stream_is_not(bits: int, faults: tuple[str, ...]) -> None:
     assert Health(50, 1, bits).faults == faults
+
+
+@pytest.mark.parametrize(
+    ("percent", "status", "worried"), [(20, 0, True), (21, 0, False), (5, 1, False), (5, 2, False)]
+)
+def test_a_low_battery_is_told_where_nothing_charges_it(percent: int, status: int, worried: bool) -> None:
+    assert bool(Health(percent, status, 0).faults) is worried
+    assert len(Health(percent, status, 0x80000000).faults) == 1 + worried
 
 
 def test_charging_states_beyond_the_known_are_told_as_they_are() -> None:

@@ -115,6 +115,18 @@ def test_the_cable_is_pulled_and_put_back_when_the_plan_says() -> None:
     assert camera.connect().connected
 
 
+def test_a_camera_nobody_talks_to_falls_asleep_and_sends_no_pictures() -> None:
+    clock = Clock()
+    camera = SimulatedThetaV(clock=clock)
+    start(camera)
+    clock.now_ns += 179 * 10**9
+    assert camera.offer(PICTURES[0])
+    clock.now_ns += 2 * 10**9
+    assert not camera.offer(PICTURES[0])
+    assert camera.demand is None
+    assert camera.ptp.asleep
+
+
 def test_mtp_mode_has_no_video_and_its_own_product_id() -> None:
     camera = SimulatedThetaV(composition=Composition.MTP, clock=Clock())
     port = camera.connect()
