@@ -12,6 +12,7 @@ import json
 import logging
 import os
 import select
+import signal
 import struct
 import subprocess
 import sys
@@ -133,7 +134,7 @@ class LiveFeed:
         self._waiting.set()
         server = self._server
         if server is not None:
-            server.kill()
+            _kill(server)
         if self._thread.is_alive():
             self._thread.join(KILLED_S)
 
@@ -186,7 +187,7 @@ class LiveFeed:
                     self._waiting.wait(WAIT_S)
         finally:
             self._server = None
-            server.kill()
+            _kill(server)
             with contextlib.suppress(subprocess.TimeoutExpired):
                 server.wait(KILLED_S)
             self._listen(server)
@@ -225,3 +226,9 @@ class LiveFeed:
 
     def _last_word(self) -> str:
         return self._said[-1] if self._said else "without a word"
+
+
+def _kill(server: subprocess.Popen[bytes]) -> None:
+    """The server and what it has started: they are a session of their own."""
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(server.pid, signal.SIGKILL)
