@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drivers.rmp110.codec.commands import motion
-from drivers.rmp110.codec.feedback import Dialect
+from drivers.rmp110.codec.dialect import Dialect
 from drivers.rmp110.codec.whitelist import forbidden
 from drivers.rmp110.device.config import Rmp110Config
 from drivers.rmp110.device.identify import conclude

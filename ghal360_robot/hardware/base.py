@@ -48,18 +48,24 @@ RETRY_NS = 500_000_000
 
 
 class BaseOutput:
-    """An RMP-110 that runs until the robot ends; `apply` is the actuator of the control loop."""
+    """An RMP-110 that runs until the robot ends; `apply` is the actuator of the control loop.
+
+    `base` is the device to run, by default the one that `config` describes.
+    """
 
     name = "rmp110"
 
-    def __init__(self, config: Rmp110Section, safety: SafetySection, board: Board, recorder: Recorder) -> None:
+    def __init__(
+        self,
+        config: Rmp110Section,
+        safety: SafetySection,
+        board: Board,
+        recorder: Recorder,
+        base: Rmp110 | None = None,
+    ) -> None:
         self._board = board
         self._recorder = recorder
-        self._base = Rmp110(
-            lambda: transport(config),
-            driver_config(config, safety),
-            recorder.can_frame,
-        )
+        self._base = base or Rmp110(lambda: transport(config), driver_config(config, safety), recorder.can_frame)
         self._mode_change: asyncio.Task[None] | None = None
         self._asked_ns = 0
         self._said = ""

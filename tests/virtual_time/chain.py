@@ -10,15 +10,14 @@ import contextlib
 from collections.abc import Callable
 from contextlib import AsyncExitStack
 from typing import Any
-from unittest import mock
 
+from drivers.rmp110.device.rmp110 import Rmp110
 from drivers.rmp110.device.watchdog import Watchdog
 from ghal360_robot.assembly import make_brain, make_safety
 from ghal360_robot.board import Board, make_board
 from ghal360_robot.brain import BrainState
 from ghal360_robot.config import RobotConfig
-from ghal360_robot.hardware import base as base_module
-from ghal360_robot.hardware.base import BaseOutput
+from ghal360_robot.hardware.base import BaseOutput, driver_config
 from ghal360_robot.loop import ControlLoop
 from ghal360_robot.safety.chain import SafetyState
 from ghal360_robot.systemd import Notifier
@@ -65,12 +64,15 @@ class Chain:
 
     async def start(self) -> None:
         clock = self._bus.clock
-        with mock.patch.object(base_module, "CanTransport"):
-            self.base = BaseOutput(self._config.rmp110, self._config.safety, self.board, Unheard())  # type: ignore[arg-type]
-        device = self.base._base  # made with a factory of real buses: ours takes its place
-        device._transport = self._bus.transport
-        device._clock = clock.read
-        device._watchdog = lambda zero, read: TickedWatchdog(zero, read, clock)
+        unheard: Any = Unheard()
+        device = Rmp110(
+            self._bus.transport,
+            driver_config(self._config.rmp110, self._config.safety),
+            unheard.can_frame,
+            clock=clock.read,
+            watchdog=lambda zero, read: TickedWatchdog(zero, read, clock),
+        )
+        self.base = BaseOutput(self._config.rmp110, self._config.safety, self.board, unheard, device)
         await self.base.enter(self._stack)
         self.loop = ControlLoop(
             board=self.board,

@@ -6,7 +6,6 @@ import struct
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
-from drivers.rmp110.codec.dialect import Dialect as Dialect  # noqa: PLC0414 - where the name used to live
 from drivers.rmp110.codec.feedback_words import WORDS, Word
 from drivers.rmp110.codec.frames import FEEDBACK_ID, Frame, float_to_word, pack_words
 from drivers.rmp110.codec.parameters import Kind

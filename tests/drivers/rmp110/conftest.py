@@ -14,7 +14,8 @@ from pathlib import Path
 import pytest
 
 from drivers.rmp110 import CanTransport, Rmp110Config
-from drivers.rmp110.codec.feedback import COMPACT_BITMAPS, Dialect
+from drivers.rmp110.codec.dialect import Dialect
+from drivers.rmp110.codec.feedback import COMPACT_BITMAPS
 from drivers.rmp110.codec.parameters import RMP110_STORED, Stored
 from drivers.rmp110.device import identify
 from drivers.rmp110.simulator.faults import FaultPlan

@@ -20,7 +20,7 @@ import pytest
 from drivers.rmp110 import TRACTOR, CanTransport, Rmp110, Rmp110Config
 from drivers.rmp110.codec.bytestream import pack_command
 from drivers.rmp110.codec.commands import motion
-from drivers.rmp110.codec.feedback import Dialect
+from drivers.rmp110.codec.dialect import Dialect
 from drivers.rmp110.codec.frames import Frame
 from drivers.rmp110.codec.parameters import RMP110_STORED, OperationalState, Stored
 from drivers.rmp110.codec.v3.commands import ZERO_MOTION, continuous_data

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.rmp110 import Rmp110Config
-from drivers.rmp110.codec.feedback import COMPACT, COMPACT_BITMAPS, Dialect
+from drivers.rmp110.codec.dialect import Dialect
+from drivers.rmp110.codec.feedback import COMPACT, COMPACT_BITMAPS
 from drivers.rmp110.codec.frames import Frame
 from drivers.rmp110.codec.parameters import RMP110_STORED, Stored
 from drivers.rmp110.codec.v3.packets import FAULT_LOG, pack_status, parse_packet
