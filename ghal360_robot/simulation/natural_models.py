@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -20,10 +19,11 @@ if TYPE_CHECKING:
 
 BEZEL = Surface("plain", (0.035, 0.035, 0.04))
 ALUMINIUM: Colour = (0.70, 0.71, 0.73)
-GRAPHITE: Colour = (0.30, 0.31, 0.33)
 PROGRAMMES, DESKTOPS = 4, 3
-LID_LEAN = 0.28
-"""A laptop's lid leans 16 degrees back."""
+LID_LEAN = 0.45
+"""A laptop's lid leans 26 degrees back, as it does before someone who stands."""
+LEAF_M = 0.25
+"""Depth of a laptop's deck and of its lid; the lid then reaches some centimetres behind the footprint."""
 
 
 def television(f: Frame, o: WorldObject, rng: Generator) -> None:
@@ -42,25 +42,16 @@ def television(f: Frame, o: WorldObject, rng: Generator) -> None:
 
 def laptop(f: Frame, o: WorldObject, rng: Generator) -> None:
     """An open laptop at work: deck with keys and touch pad, hinge, a bright screen in a black frame."""
-    w, d, h = o.size
-    metal = pick(rng, (ALUMINIUM, GRAPHITE, shade(ALUMINIUM, 0.85)))
+    w, d, _h = o.size
+    metal = pick(rng, (ALUMINIUM, shade(ALUMINIUM, 1.15), shade(ALUMINIUM, 0.85)))
     shell = Surface("plain", metal)
-    deck = d * 0.76
-    back = -d / 2 + deck
-    f.box(0, -d / 2 + deck / 2, 0, (w, deck, 0.016), shell, top=Surface("laptop deck", metal))
-    lid = f.at(0, back, 0.014, pitch=LID_LEAN)
-    tall = (h - 0.014) / math.cos(LID_LEAN)
-    lid.box(
-        0,
-        0.005,
-        0,
-        (w, 0.010, tall),
-        shell,
-        front=Surface(f"laptop {int(rng.integers(DESKTOPS))}", glows=True),
-        skip=(),
-    )
-    lid.quad([(0.03, 0.0145, tall * 0.45), (-0.03, 0.0145, tall * 0.45), (-0.03, 0.0145, tall * 0.62),
-              (0.03, 0.0145, tall * 0.62)], Surface("plain", shade(metal, 1.25)))  # fmt: skip
+    hinge = -d / 2 + LEAF_M - 0.02
+    f.box(0, hinge - LEAF_M / 2, 0, (w, LEAF_M, 0.016), shell, top=Surface("laptop deck", metal))
+    lid = f.at(0, hinge, 0.014, pitch=LID_LEAN)
+    face = Surface(f"laptop {int(rng.integers(DESKTOPS))}", glows=True)
+    lid.box(0, 0.005, 0, (w, 0.010, LEAF_M), shell, front=face, skip=())
+    sign = [(0.03, 0.0145, 0.11), (-0.03, 0.0145, 0.11), (-0.03, 0.0145, 0.15), (0.03, 0.0145, 0.15)]
+    lid.quad(sign, Surface("plain", shade(metal, 1.25)))
 
 
 def bottle(f: Frame, o: WorldObject, rng: Generator) -> None:
