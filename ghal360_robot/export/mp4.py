@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 import av
 import numpy as np
 
 from ghal360_robot.errors import GhalError
 from ghal360_robot.export.viewport import ViewportSize, viewport
+from ghal360_robot.logbook.pictures import pictures
 from ghal360_robot.messages import Cue, HeadPose
 from ghal360_robot.perception.overlay import Annotation, draw
 from ghal360_robot.perception.sphere import PictureSize
@@ -94,9 +95,10 @@ def film(reader: RunReader, settings: FilmSettings) -> Iterator[tuple[int, Pixel
     detections, ticks = _Newest(reader.detections()), _Newest(reader.ticks())
     operators = _Newest(reader.operator_inputs())
     size = _film_size(settings)
-    first_ns: int | None = None
-    for stamp_ns, frame in pictures(reader):
-        first_ns = stamp_ns if first_ns is None else first_ns
+    first = next(reader.access_units(), None)
+    first_ns = 0 if first is None else first.stamp_ns
+    span = (round(first_ns + s * 1e9) if 0 < s < float("inf") else None for s in (settings.from_s, settings.to_s))
+    for stamp_ns, frame in pictures(reader, *span):
         found, tick, operator = detections.at(stamp_ns), ticks.at(stamp_ns), operators.at(stamp_ns)
         if not settings.from_s <= (stamp_ns - first_ns) / 1e9 <= settings.to_s:
             continue
@@ -121,35 +123,6 @@ def annotate(stamp_ns: int, found: Detections | None, tick: Tick | None, head: H
         fov=head.fov,
         cue=tick.decision.cue if tick is not None else Cue.NONE,
     )
-
-
-def pictures(reader: RunReader) -> Iterator[tuple[int, av.VideoFrame]]:
-    """Every picture that decodes, with the stamp of its access unit; from the first key picture on."""
-    decoder = av.VideoCodecContext.create("h264", "r")
-    stamps: dict[int, int] = {}
-    started = False
-    for number, unit in enumerate(reader.access_units()):
-        started = started or unit.keyframe
-        if not started:
-            continue
-        packet = av.Packet(unit.data)
-        packet.pts = number
-        stamps[number] = unit.stamp_ns
-        yield from _decoded(decoder, packet, stamps)
-    yield from _decoded(decoder, None, stamps)
-
-
-def _decoded(
-    decoder: av.VideoCodecContext, packet: av.Packet[Any] | None, stamps: dict[int, int]
-) -> Iterator[tuple[int, av.VideoFrame]]:
-    try:
-        frames = decoder.decode(packet)
-    except av.error.InvalidDataError:
-        return  # damaged on the wire and recorded as received: the film goes on with the next one
-    for frame in frames:
-        stamp_ns = stamps.pop(-1 if frame.pts is None else frame.pts, None)
-        if stamp_ns is not None:
-            yield stamp_ns, frame
 
 
 class _Newest(Generic[Message]):

@@ -27,8 +27,8 @@ class Batches:
     Nothing here touches Rerun's sticky clock: a row has exactly the times it was given.
     """
 
-    def __init__(self, anchor: Anchor) -> None:
-        self._encoder = Encoder(anchor)
+    def __init__(self, anchor: Anchor, first_row: int = 0) -> None:
+        self._encoder = Encoder(anchor, first_row)
         self._rows: dict[Table, list[Row]] = {table: [] for table in entities.ORDER}
         self._given: dict[Table, Row] = {}
         """What a reader of the file holds to be current."""

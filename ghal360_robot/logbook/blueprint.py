@@ -17,14 +17,22 @@ def _recent() -> rrb.VisibleTimeRange:
 
 
 def _plot(name: str, *entities: str) -> rrb.TimeSeriesView:
-    return rrb.TimeSeriesView(name=name, origin="/", contents=[f"+ /{e}" for e in entities], time_ranges=[_recent()])
+    """With what a replay would have decided, where such a recording is opened beside."""
+    contents = [f"+ {root}/{entity}" for entity in entities for root in ("", "/replayed")]
+    return rrb.TimeSeriesView(name=name, origin="/", contents=contents, time_ranges=[_recent()])
 
 
 def _panorama() -> rrb.Spatial2DView:
     return rrb.Spatial2DView(
         name="Panorama, objects, wedges from the gaze, the operator's view and cue",
         origin="/theta/video",
-        contents=["+ /theta/video", "+ /theta/objects", "+ /theta/wedges", "+ /theta/view"],
+        contents=[
+            "+ /theta/video",
+            "+ /theta/objects",
+            "+ /replayed/theta/objects",
+            "+ /theta/wedges",
+            "+ /theta/view",
+        ],
     )
 
 
@@ -51,7 +59,14 @@ def operator_blueprint() -> rrb.Blueprint:
         rrb.StateTimelineView(
             name="States",
             origin="/",
-            contents=["+ /state/**", "+ /guidance/cue", "+ /intent/intention"],
+            contents=[
+                "+ /state/**",
+                "+ /guidance/cue",
+                "+ /intent/intention",
+                "+ /replayed/guidance/cue",
+                "+ /replayed/intent/intention",
+                "+ /replayed/state/**",
+            ],
         ),
         rrb.Horizontal(
             rrb.BarChartView(name="Belief: wedge 0 to 7", origin="/intent/bars"),

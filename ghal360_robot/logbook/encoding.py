@@ -35,9 +35,9 @@ _chunk_numbers = itertools.count()
 class Encoder:
     """Numbers the rows of one recording: ids grow in the order of encoding."""
 
-    def __init__(self, anchor: Anchor) -> None:
+    def __init__(self, anchor: Anchor, first: int = 0) -> None:
         self._anchor = anchor
-        self._next = 0
+        self._next = first
 
     def encode(self, table: Table, rows: Sequence[Row]) -> pa.RecordBatch:
         """`rows` of one table as one batch with every column of the table, rows without a value being null.

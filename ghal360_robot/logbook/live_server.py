@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import pyarrow as pa  # type: ignore[import-untyped]
 import rerun as rr
-import rerun_cli
+import rerun_cli  # type: ignore[import-untyped]
 
 from ghal360_robot.logbook.blueprint import operator_blueprint
 from ghal360_robot.logbook.clock import Anchor
@@ -84,7 +84,7 @@ def _serve_web(host: str, port: int, uri: str) -> subprocess.Popen[bytes] | None
     if taken:
         _say(f"{host}:{port} cannot be listened on ({taken}): no viewer for browsers")
         return None
-    program = Path(rerun_cli.__file__).parent / "rerun"
+    program = str(Path(rerun_cli.__file__).parent / "rerun")
     command = [program, "--serve-web", "--bind", host, "--web-viewer-port", str(port), uri]
     return subprocess.Popen(  # noqa: S603 - Rerun's own command line
         command,

@@ -94,12 +94,15 @@ class RunReader:
         found = {chunk.entity_path.lstrip("/") for p in self.parts for chunk in p.chunks() if not chunk.is_static}
         return sorted(found)
 
-    def rows(self, entity: str) -> Iterator[StoredRow]:
-        """The raw rows of any entity, in time order."""
-        return ordered_rows(self.parts, entity)
+    def rows(self, entity: str, from_ns: int | None = None, to_ns: int | None = None) -> Iterator[StoredRow]:
+        """The raw rows of any entity, in time order; with stamps, those between them."""
+        begin, end = (None if ns is None else self.anchor.to_wall(ns) for ns in (from_ns, to_ns))
+        return ordered_rows(self.parts, entity, begin, end)
 
-    def access_units(self) -> Iterator[AccessUnit]:
-        for row in self.rows("theta/video"):
+    def access_units(self, from_ns: int | None = None, to_ns: int | None = None) -> Iterator[AccessUnit]:
+        """The video as received; with `from_ns`, from the last key picture on that is not later."""
+        begin_ns = None if from_ns is None else self._key_before(from_ns)
+        for row in self.rows("theta/video", begin_ns, to_ns):
             values = row.values
             yield AccessUnit(
                 self._stamp(row),
@@ -239,6 +242,16 @@ class RunReader:
     def ticks(self) -> Iterator[Tick]:
         """Every whole tick. A torn end never shows a tick with another tick's decision."""
         return read_ticks(self.rows, self.anchor)
+
+    def _key_before(self, stamp_ns: int) -> int:
+        keys = (
+            self._stamp(row)
+            for part in self.parts
+            for chunk in part.chunks("theta/video", ["VideoStream:is_keyframe"])
+            for row in chunk_rows(chunk)
+            if "VideoStream:is_keyframe" in row.values
+        )
+        return max((key for key in keys if key <= stamp_ns), default=stamp_ns)
 
     def _can(self, direction: str) -> Iterator[CanFrame]:
         for row in self.rows(f"can/{direction}"):

@@ -18,8 +18,12 @@ if TYPE_CHECKING:
     from ghal360_robot.brain import Brain
     from ghal360_robot.logbook.reader import RunReader
     from ghal360_robot.logbook.records import Tick
-    from ghal360_robot.messages import Surroundings
+    from ghal360_robot.messages import Detections, Surroundings
     from ghal360_robot.safety.chain import Safety
+
+
+DETECTION_NS = 150_000_000
+"""From a picture to its detections, where the recording does not say: decode, wait, search."""
 
 
 class Stamped(Protocol):
@@ -51,23 +55,36 @@ class Replayed:
         return getattr(self.recorded.applied, name), getattr(self.applied, name)
 
 
-def replay(reader: RunReader, brain: Brain, safety: Safety, lidar: LidarMount) -> Iterator[Replayed]:
+def replay(
+    reader: RunReader,
+    brain: Brain,
+    safety: Safety,
+    lidar: LidarMount,
+    detections: Iterator[Detections] | None = None,
+) -> Iterator[Replayed]:
     """Every whole tick of the run, in order, from a robot that was just switched on.
+
+    `detections` takes the place of the recorded ones: each is seen by the ticks that saw the recorded one of the
+    same stamp, or, in a run without any, from `DETECTION_NS` after its picture on.
 
     Raises:
         RecordingNotReadableError: the beginning is missing, or a message that a tick saw is not in the recording.
     """
     brain_state, safety_state = BrainState(), SafetyState()
-    for tick, inputs in recorded_inputs(reader, lidar):
+    for tick, inputs in recorded_inputs(reader, lidar, detections):
         brain_state, decision = brain.step(brain_state, inputs)
         safety_state, applied = safety.step(safety_state, inputs, decision.wanted)
         yield Replayed(tick, inputs, decision, applied)
 
 
-def recorded_inputs(reader: RunReader, lidar: LidarMount) -> Iterator[tuple[Tick, Inputs]]:
+def recorded_inputs(
+    reader: RunReader, lidar: LidarMount, other: Iterator[Detections] | None = None
+) -> Iterator[tuple[Tick, Inputs]]:
     """What each tick saw, put together from the messages whose stamps it recorded."""
     base, scan = _Newest(reader.base_states(), "base states"), _Newest(reader.scans(), "scans")
     detections = _Newest(reader.detections(), "detections")
+    recorded = next(reader.detections(), None) is not None
+    substitute = None if other is None else _Substitute(other, recorded=recorded)
     operator = _Newest(reader.operator_inputs(), "messages of the operator")
     expected, armed = 0, False
     around: Surroundings | None = None
@@ -87,7 +104,7 @@ def recorded_inputs(reader: RunReader, lidar: LidarMount) -> Iterator[tuple[Tick
                 tick.tick,
                 base.at(tick.base_ns),
                 seen,
-                detections.at(tick.detections_ns),
+                detections.at(tick.detections_ns) if substitute is None else substitute.at(tick),
                 operator.at(tick.operator_ns),
                 tick.freshness,
                 armed,
@@ -123,6 +140,25 @@ class _Newest(Generic[Message]):
             if len(self._kept) > self.KEPT:
                 del self._kept[next(iter(self._kept))]
         return self._kept[stamp_ns]
+
+
+class _Substitute:
+    """Other detections in the place of the recorded ones."""
+
+    def __init__(self, detections: Iterator[Detections], *, recorded: bool) -> None:
+        self._detections = detections
+        self._next = next(detections, None)
+        self._newest: Detections | None = None
+        self._recorded = recorded
+
+    def at(self, tick: Tick) -> Detections | None:
+        """What `tick` would have seen: as new as what it saw, or as soon as a detector could have been done."""
+        until_ns = tick.detections_ns if self._recorded else tick.stamp_ns - DETECTION_NS
+        if until_ns is None:
+            return None
+        while self._next is not None and self._next.stamp_ns <= until_ns:
+            self._newest, self._next = self._next, next(self._detections, None)
+        return self._newest
 
 
 def _differing(recorded: Decision | Applied, now: Decision | Applied) -> tuple[str, ...]:

@@ -107,35 +107,42 @@ class PartReader:
             self._copy = None
 
 
-def ordered_rows(parts: list[PartReader], entity: str) -> Iterator[StoredRow]:
+def ordered_rows(
+    parts: list[PartReader], entity: str, begin_ns: int | None = None, end_ns: int | None = None
+) -> Iterator[StoredRow]:
     """The temporal rows of one entity by time, whatever order and shape the file has them in.
+
+    With `begin_ns` and `end_ns` (wall clock, both included), those between.
 
     Two passes: the first learns when each chunk begins, so that the second holds back only the rows that a
     later chunk may still precede. Rerun's `optimize` spreads the components of one row over several chunks;
     they are one row again here.
     """
-    starts = [
-        int(stamps.min())
-        for part in parts
-        for chunk in part.chunks(entity)
-        if (stamps := chunk_times(chunk)) is not None and len(stamps)
-    ]
+    begin = -(1 << 63) if begin_ns is None else begin_ns
+    end = (1 << 63) - 1 if end_ns is None else end_ns
+    starts = [int(stamps.min()) for _, stamps in _chunks_between(parts, entity, begin, end)]
     # earliest[k] is the first instant in any chunk from k on.
     earliest = np.minimum.accumulate(np.array(starts, np.int64)[::-1])[::-1]
     held: list[tuple[int, bytes, int, StoredRow]] = []
-    count = seen = 0
+    count = 0
+    for seen, (chunk, _) in enumerate(_chunks_between(parts, entity, begin, end), 1):
+        for row in chunk_rows(chunk):
+            if begin <= row.t_ns <= end:
+                heapq.heappush(held, (row.t_ns, row.row_id, count, row))
+                count += 1
+        bound = int(earliest[seen]) if seen < len(earliest) else None
+        while held and (bound is None or held[0][0] < bound):
+            yield _pop_row(held)
+
+
+def _chunks_between(
+    parts: list[PartReader], entity: str, begin_ns: int, end_ns: int
+) -> Iterator[tuple[Chunk, np.ndarray[Any, np.dtype[np.int64]]]]:
     for part in parts:
         for chunk in part.chunks(entity):
             stamps = chunk_times(chunk)
-            if stamps is None or not len(stamps):
-                continue
-            for row in chunk_rows(chunk):
-                heapq.heappush(held, (row.t_ns, row.row_id, count, row))
-                count += 1
-            seen += 1
-            bound = int(earliest[seen]) if seen < len(earliest) else None
-            while held and (bound is None or held[0][0] < bound):
-                yield _pop_row(held)
+            if stamps is not None and len(stamps) and stamps.min() <= end_ns and stamps.max() >= begin_ns:
+                yield chunk, stamps
 
 
 def _pop_row(held: list[tuple[int, bytes, int, StoredRow]]) -> StoredRow:
