@@ -129,8 +129,10 @@ async def serve(control: socket.socket, video: socket.socket) -> None:
     handler = Telling(process.tell)
     logging.getLogger("ghal360_robot").addHandler(handler)
     logging.getLogger("ghal360_robot").setLevel(logging.INFO)
+    logging.getLogger("ghal360_robot").propagate = False
     link.send(writer, "listening", process.server.port)
-    tasks = {asyncio.create_task(work) for work in (process.listen(reader), process.watch(frames), process.draw())}
+    works = (process.listen(reader), process.watch(frames), process.draw(), process.server.beat())
+    tasks = {asyncio.create_task(work) for work in works}
     try:
         with process.streams:
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)

@@ -263,7 +263,7 @@ class Quality(Message):
     """Age of the newest picture that is known to be shown."""
     dropped: Count
     """Pictures not sent to this connection."""
-    bit_rate: Number
+    bit_rate: Annotated[float, Field(ge=0.0, le=1e12, allow_inf_nan=False)]
     lock: Words
     viewers: Count
 

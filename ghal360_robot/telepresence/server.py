@@ -80,7 +80,7 @@ mimetypes.add_type("text/javascript", ".js")
 
 
 class PageServer:
-    """`await start()`, then `port` says where it listens; `await close()`. `root` holds the built page."""
+    """`await start()`, run `beat()`; `port` says where it listens; `await close()`. `root` holds the built page."""
 
     def __init__(
         self,
@@ -104,7 +104,6 @@ class PageServer:
         self._complaints = Allowance(1.0, 10.0)
         self._videos = 0
         self._runner: web.AppRunner
-        self._beating: asyncio.Task[None]
 
     async def start(self) -> None:
         """Listen. Raises OSError where the address is taken, ssl.SSLError for a certificate that is none."""
@@ -117,6 +116,7 @@ class PageServer:
         app = web.Application(middlewares=[self._guard], client_max_size=LOGIN_BYTES)
         app.router.add_post("/login", self._log_in)
         app.router.add_post("/logout", self._log_out)
+        app.router.add_get("/whoami", self._who)
         app.router.add_get("/ctl", self._control)
         app.router.add_get("/video", self._video)
         app.router.add_get("/{path:.*}", self._file)
@@ -126,16 +126,13 @@ class PageServer:
         await site.start()
         self.port = self._runner.addresses[0][1]
         self._hosts = allowed_hosts(s.listen, self.port, s.names)
-        self._beating = asyncio.create_task(self._beat(), name="page beat")
 
     async def close(self) -> None:
         """Close every page, then the server."""
-        self._beating.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await self._beating
         await self._runner.cleanup()
 
-    async def _beat(self) -> None:
+    async def beat(self) -> None:
+        """Keep lease, lock and delays going, until cancelled."""
         while True:
             self.hub.beat()
             await asyncio.sleep(BEAT_S)
@@ -205,6 +202,10 @@ class PageServer:
             max_age=SESSION_NS // 1_000_000_000,
         )
         return response
+
+    async def _who(self, request: web.Request) -> web.StreamResponse:
+        """What the bearer of this cookie may do: a browser does not say why a socket was refused."""
+        return web.json_response({"role": self._role(request).value})
 
     async def _log_out(self, request: web.Request) -> web.StreamResponse:
         if self._sessions is not None:

@@ -111,7 +111,7 @@ class Transcoder:
 
 
 def _decoder() -> VideoCodecContext:
-    decoder = cast("VideoCodecContext", av.CodecContext.create("h264", "r"))
+    decoder = av.CodecContext.create("h264", "r")
     decoder.thread_count = 1
     decoder.options = {"flags": "low_delay"}
     return decoder
