@@ -3,18 +3,32 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test lint test-usb test-usb-short campaign drives fuzz soak soak-lidar mutate pictures clean
+PAGE := ghal360_robot/telepresence/page
 
-run: $(VENV)/.installed
+.PHONY: run test lint page test-page test-usb test-usb-short campaign drives fuzz soak soak-lidar mutate pictures clean
+
+run: $(VENV)/.installed page
 	$(BIN)/ghal360 demo
 
-test: $(VENV)/.installed lint
+test: $(VENV)/.installed page lint
 	$(BIN)/pytest -m "not campaign"
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+# The telepresence page; without Node everything else works.
+page: $(PAGE)/dist/index.html
+
+$(PAGE)/dist/index.html: $(PAGE)/package-lock.json $(PAGE)/index.html $(wildcard $(PAGE)/src/*)
+	@node -e 'process.exit(+(process.versions.node.split(".")[0] < 20))' 2>/dev/null && command -v npm >/dev/null || \
+		{ echo "Node 20 or newer with npm is not there: the telepresence page is left out."; exit 0; }; \
+		cd $(PAGE) && npm ci --no-audit --no-fund --ignore-scripts --loglevel=error && npm run build --silent
+
+# The whole page in a real Chromium (apt install chromium) on a simulated robot: about ten minutes.
+test-page: $(VENV)/.installed page
+	$(BIN)/pytest -m page --timeout=600 tests/end_to_end
 
 # The camera's driver on a real Linux kernel in a virtual machine: five minutes on two idle cores, or the short form
 # in one. Needs qemu-system-x86 installed and Debian's package lists; root for nothing.
