@@ -81,7 +81,7 @@ $(VENV)/.installed: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 		{ echo "Python 3.11 or newer is needed (set PYTHON=...)"; exit 1; }
 	$(PYTHON) -m venv $(VENV) || { echo "python3-venv is missing: apt install python3-venv"; exit 1; }
-	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[sim,export,dev]'
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[sim,export,experiments,dev]'
 	@touch $@
 
 clean:
