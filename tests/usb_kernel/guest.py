@@ -9,7 +9,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from drivers.theta_v.simulator.camera import Composition, SimulatedThetaV
+from drivers.theta_v.simulator.camera import SimulatedThetaV
+from drivers.theta_v.simulator.descriptors import Composition
 from drivers.theta_v.simulator.usbip_server import UsbIpServer
 from tests.usb_kernel import video
 from tests.usb_kernel.attach import Cable

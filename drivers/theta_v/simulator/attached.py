@@ -10,7 +10,8 @@ import time
 from drivers.theta_v.codec.descriptors import ISOCHRONOUS, Endpoint
 from drivers.theta_v.codec.payload import Packet
 from drivers.theta_v.errors import ThetaGone, ThetaNotFound, ThetaRefused, ThetaStall, ThetaTimeout, ThetaWrongDevice
-from drivers.theta_v.simulator.camera import Port, SimulatedThetaV
+from drivers.theta_v.simulator.camera import SimulatedThetaV
+from drivers.theta_v.simulator.port import Port
 from drivers.theta_v.transport.base import (
     BULK_S,
     CLEAR_FEATURE,

@@ -6,6 +6,16 @@ device descriptor; MTP mode is the one-interface shape seen on both models.
 
 from __future__ import annotations
 
+from enum import Enum
+
+
+class Composition(Enum):
+    """Which of its two USB faces the camera shows."""
+
+    MTP = "mtp"
+    LIVE = "live"
+
+
 LIVE_CONFIGURATION = bytes.fromhex(
     "0902b00105010080fa0904000003060101000705810200020007050102000200"
     "070582031c0006080b01020e03000809040100010e0101080d240150013500e8"

@@ -18,7 +18,8 @@ import usb1
 
 from drivers.theta_v.codec.descriptors import parse_configuration
 from drivers.theta_v.errors import ThetaError, ThetaGone, ThetaNotFound, ThetaStall
-from drivers.theta_v.simulator.camera import Port, SimulatedThetaV
+from drivers.theta_v.simulator.camera import SimulatedThetaV
+from drivers.theta_v.simulator.port import Port
 
 MICROFRAME_NS = 125_000
 POLL_S = 0.001

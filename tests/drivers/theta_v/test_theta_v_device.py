@@ -12,13 +12,15 @@ import usb1
 
 from drivers.theta_v import AccessUnit, Mode, ThetaConfig, ThetaV
 from drivers.theta_v.codec.ptp import Property
-from drivers.theta_v.device import ptp_session, watch
+from drivers.theta_v.device import bringup, ptp_session, watch
+from drivers.theta_v.device import camera as device
 from drivers.theta_v.device.camera import TransportFactory
 from drivers.theta_v.device.ladder import Ladder
 from drivers.theta_v.device.stats import Link
 from drivers.theta_v.errors import ThetaGone, ThetaNotFound, ThetaRefused, ThetaWrongDevice
 from drivers.theta_v.simulator.attached import AttachedTransport
-from drivers.theta_v.simulator.camera import Composition, SimulatedThetaV
+from drivers.theta_v.simulator.camera import SimulatedThetaV
+from drivers.theta_v.simulator.descriptors import Composition
 from drivers.theta_v.simulator.faults import Cure, FaultPlan, FirstSession, Overheat, PowerCycle, Stall, Unplug
 from drivers.theta_v.simulator.usbip_server import UsbIpServer
 from drivers.theta_v.transport.base import GoneSink
@@ -29,6 +31,16 @@ from tests.drivers.theta_v.pictures import KEY_INTERVAL, Feeder, stream, until
 
 PICTURES = stream(30, 192, 96)
 QUICK = ThetaConfig(stall_s=0.25, first_picture_s=0.3, backoff_min_s=0.02, backoff_max_s=0.1)
+
+
+@pytest.fixture(autouse=True)
+def short_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Between two looks at the same thing; what is waited for stays as it is."""
+    monkeypatch.setattr(ptp_session, "OPEN_PAUSE_S", 0.01)
+    monkeypatch.setattr(bringup, "WAKE_PAUSE_S", 0.01)
+    monkeypatch.setattr(device, "WATCH_S", 0.02)
+    monkeypatch.setattr(device, "RETURN_PAUSE_S", 0.02)
+
 
 Front = Callable[[SimulatedThetaV], AbstractAsyncContextManager[TransportFactory]]
 
@@ -156,8 +168,17 @@ async def test_joining_in_the_middle_of_a_group_waits_for_its_key_picture(front:
     assert not seen[0].decodable
 
 
-@fronts
-@pytest.mark.parametrize("cure", list(Cure))
+@pytest.mark.parametrize(
+    ("front", "cure"),
+    [
+        (attached, Cure.RESTART),
+        (attached, Cure.NEGOTIATE),
+        (attached, Cure.TOGGLE),
+        (over_usbip, Cure.RESET),
+        (over_libusb, Cure.RESET),
+        (over_libusb, Cure.TOGGLE),
+    ],
+)
 async def test_a_stalled_stream_is_brought_back_by_the_mildest_means(front: Front, cure: Cure) -> None:
     simulated = SimulatedThetaV(plan=FaultPlan(events=(Stall(0.1, cure),)), reenumeration_s=0.1)
     async with front(simulated) as factory:
@@ -252,7 +273,6 @@ async def test_however_a_sleeping_camera_fails_the_first_session_the_next_one_do
     first_session: FirstSession, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(ptp_session, "ANSWER_S", 0.1)
-    monkeypatch.setattr(ptp_session, "OPEN_PAUSE_S", 0.01)
     plan = FaultPlan(first_session=first_session)
     simulated = SimulatedThetaV(composition=Composition.MTP, asleep=True, reenumeration_s=0.1, plan=plan)
     with Feeder(simulated, PICTURES):
@@ -289,7 +309,7 @@ async def test_a_camera_that_belongs_to_root_until_udev_has_seen_its_new_face_is
 
 async def test_damage_is_not_carried_for_ever_where_key_pictures_never_come_by_themselves() -> None:
     """The film has one key picture and a hole; a new start is the only way to another key picture."""
-    film = stream(400, 64, 32, key_interval=1000)
+    film = stream(120, 64, 32, key_interval=1000)
     simulated = SimulatedThetaV()
     seen: list[AccessUnit] = []
     with Feeder(simulated, film[:20] + film[21:]):
@@ -343,12 +363,11 @@ async def test_what_the_camera_says_unasked_is_heard_long_before_it_would_be_ask
 ) -> None:
     monkeypatch.setattr(watch, "LULL_S", 0.02)
     simulated = SimulatedThetaV()
-    async with front(simulated) as factory:
-        async with ThetaV(factory, replace(QUICK, health_s=1000)) as camera:
-            await until(lambda: camera.stats.battery_percent == 98)
-            simulated.ptp.set(Property.CAPTURE_MODE, 0x8005)  # of no interest
-            simulated.ptp.set(Property.ERROR_INFO, 0x80000000)
-            await until(lambda: bool(camera.stats.faults))
+    async with front(simulated) as factory, ThetaV(factory, replace(QUICK, health_s=1000)) as camera:
+        await until(lambda: camera.stats.battery_percent == 98)
+        simulated.ptp.set(Property.CAPTURE_MODE, 0x8005)  # of no interest
+        simulated.ptp.set(Property.ERROR_INFO, 0x80000000)
+        await until(lambda: bool(camera.stats.faults))
 
 
 async def test_a_camera_that_overheats_says_so_goes_and_is_taken_up_again(monkeypatch: pytest.MonkeyPatch) -> None:

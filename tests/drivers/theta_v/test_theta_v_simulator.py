@@ -10,8 +10,10 @@ import pytest
 from drivers.theta_v.codec.payload import EOF, ERR
 from drivers.theta_v.codec.probe import Probe
 from drivers.theta_v.errors import ThetaGone, ThetaNotFound, ThetaStall
-from drivers.theta_v.simulator.camera import Composition, Port, SimulatedThetaV
+from drivers.theta_v.simulator.camera import SimulatedThetaV
+from drivers.theta_v.simulator.descriptors import Composition
 from drivers.theta_v.simulator.faults import FaultPlan, Unplug
+from drivers.theta_v.simulator.port import Port
 from tests.drivers.theta_v.pictures import stream
 
 PICTURES = stream(30, 192, 96)
