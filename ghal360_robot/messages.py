@@ -240,6 +240,8 @@ class LinkStats:
     reconnects: int = 0
     rate_hz: float = 0.0
     last_ns: int | None = None
+    condition: str = ""
+    """What the device tells of itself, in words; empty where it tells nothing."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ import contextlib
 import json
 import time
 from contextlib import AsyncExitStack
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -95,6 +96,7 @@ def theta_v(
     mode: Annotated[str, typer.Option(help="2k or 4k")] = "2k",
     seconds: Seconds = 3.0,
     save: Annotated[Path | None, typer.Option(help="Folder for all that can be read from the camera")] = None,
+    let_sleep: Annotated[bool, typer.Option("--let-sleep", help="Sleep timers as delivered, no PTP meanwhile")] = False,
     as_json: Json = False,
 ) -> None:
     """Identity, picture size, rate, bit rate and damage of the live stream.
@@ -108,6 +110,8 @@ def theta_v(
     if usbip is not None:
         factory = partial(UsbIpTransport, *split_address(usbip))
     config = ThetaConfig(mode=MODES[mode], serial=serial)
+    if let_sleep:
+        config = replace(config, keep_awake=False, health_s=0.0)
     try:
         with contextlib.ExitStack() as stack:
             readings = stack.enter_context(Readings(save)) if save is not None else None
@@ -122,9 +126,10 @@ def theta_v(
 async def _probe_camera(
     factory: TransportFactory, config: ThetaConfig, seconds: float, readings: Readings | None
 ) -> dict[str, Any]:
-    found = await survey(factory, config.serial) if readings is not None else None
+    found = await survey(factory, config.serial, keep_awake=config.keep_awake) if readings is not None else None
     hooks: dict[str, Any] = {}
-    if readings is not None:
+    if readings is not None and found is not None:
+        readings.conclude(found, {"error": "no stream, or it ended early"})  # what was read so far is worth having
         hooks = {
             "on_access_unit": readings.access_unit,
             "on_packets": readings.packets,

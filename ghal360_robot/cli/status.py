@@ -38,7 +38,7 @@ def status(
             f"{link.rate_hz:5.1f} Hz",
             f"age {age * 1e3:4.0f} ms" if age < 10 else "age  -",
             f"lost {link.lost}  damaged {link.damaged}  reconnects {link.reconnects}",
-            Text(link.detail, style="red", overflow="ellipsis", no_wrap=True),
+            Text(link.detail or link.condition, "red" if link.detail else "dim", overflow="ellipsis", no_wrap=True),
         )
     if newest is not None:
         _, decision, applied = newest

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import AsyncExitStack
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -60,8 +61,13 @@ class CameraInput:
             self._decoder.submit(unit.data, unit.stamp_ns, tainted=unit.tainted)
 
     def stats(self) -> LinkStats:
+        """With what the camera says of its battery, and, while pictures come, what it complains about: heat first."""
         stats = self._camera.stats
-        return link_stats(stats.link.value, stats)
+        link = link_stats(stats.link.value, stats)
+        if stats.battery_percent is None:
+            return link
+        condition = f"battery {stats.battery_percent} %, {stats.charging}"
+        return replace(link, detail=link.detail or "; ".join(stats.faults), condition=condition)
 
     def _record(self, unit: AccessUnit) -> None:
         self._recorder.access_unit(unit.stamp_ns, unit.raw, unit.sequence, unit.keyframe, unit.tainted)

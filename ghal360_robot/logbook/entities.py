@@ -331,6 +331,7 @@ def link_table(device: str) -> Table:
         own("LinkStats", "counts", I64),
         own("LinkStats", "rate_hz", F64),
         own("LinkStats", "last_ns", I64),
+        own("LinkStats", "condition", TEXT),
     )
     entity = f"state/{re.sub(r'[^A-Za-z0-9_-]+', '_', device)}"
     return Table(entity, columns, on_change=True, keepalive_ns=KEEPALIVE_NS, compared=3)

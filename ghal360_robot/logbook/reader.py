@@ -277,6 +277,7 @@ class RunReader:
                 reconnects,
                 float(values["LinkStats:rate_hz"][0]),
                 last[0] if last else None,
+                values["LinkStats:condition"][0] if "LinkStats:condition" in values else "",
             )
             yield Link(self._stamp(row), device, stats)
 

@@ -163,7 +163,7 @@ def operator_refused(stamp_ns: int, holder: str, reason: str) -> Iterator[Row]:
 def link(stamp_ns: int, device: str, stats: LinkStats) -> Iterator[Row]:
     counts = [stats.received, stats.lost, stats.damaged, stats.reconnects]
     last = [] if stats.last_ns is None else [stats.last_ns]
-    values = ([stats.link], [stats.link], [stats.detail], counts, [stats.rate_hz], last)
+    values = ([stats.link], [stats.link], [stats.detail], counts, [stats.rate_hz], last, [stats.condition])
     yield Row(entities.link_table(device), stamp_ns, values)
 
 

@@ -152,7 +152,7 @@ def test_early_ticks_have_seen_nothing(recorder: Recorder) -> None:
 def test_links_truth_maps_and_texts_come_back_equal(recorder: Recorder) -> None:
     links = [
         LinkStats("connecting", "no answer on 192.168.0.1"),
-        LinkStats("streaming", "", 1 << 40, 2, 3, 4, 14.9, T0),
+        LinkStats("streaming", "", 1 << 40, 2, 3, 4, 14.9, T0, "battery 98 %, charging"),
     ]
     for stats in links:
         recorder.link("tim571", stats)

@@ -76,7 +76,9 @@ def without_reordering(sps: bytes) -> bytes:
 def rewritten(data: bytes) -> bytes:
     """An access unit (Annex B) with each of its SPS told not to reorder; itself if there is nothing to change.
 
-    Raises ThetaMalformed for an SPS that is none.
+    For `AccessUnit.data`, of which only key pictures carry an SPS; anything else comes back as it is. Whatever
+    else stands in the SPS stays, and all other NAL units stay byte for byte. Raises ThetaMalformed for an SPS
+    that is none, which a picture called clean never carries.
     """
     pieces: list[bytes] = []
     done = 0

@@ -14,6 +14,7 @@ from typing import Any
 
 from drivers.theta_v.codec.descriptors import StillFunction, VideoFunction
 from drivers.theta_v.codec.probe import (
+    BLOCK_BYTES,
     FROM_INTERFACE,
     GET_CUR,
     GET_DEF,
@@ -28,10 +29,10 @@ from drivers.theta_v.codec.probe import (
     VS_PROBE,
     Probe,
 )
-from drivers.theta_v.codec.ptp import Operation
+from drivers.theta_v.codec.ptp import DeviceInfo, Operation
 from drivers.theta_v.device import bringup
-from drivers.theta_v.device.ptp_session import PtpSession
-from drivers.theta_v.errors import ThetaError, ThetaGone, ThetaMalformed, ThetaNotFound, ThetaTimeout
+from drivers.theta_v.device.ptp_session import PtpRefused, PtpSession
+from drivers.theta_v.errors import ThetaError, ThetaTimeout
 from drivers.theta_v.transport.base import UsbTransport
 
 RETURN_S, RETURN_PAUSE_S = 30.0, 0.05  # generous: how long it really takes is what is to be found out
@@ -51,11 +52,11 @@ class Survey:
     """From the last word of the old face to the first of the new one; None if it was live already."""
     negotiation: dict[str, str] = field(default_factory=dict)
     device_info: str = ""
-    properties: dict[str, str] = field(default_factory=dict)
-    """Property descriptions by code."""
+    properties: dict[str, dict[str, str]] = field(default_factory=dict)
+    """Property descriptions by code, for each face's USB id; a camera in still mode is asked before it is touched."""
 
 
-async def survey(factory: Callable[[], UsbTransport], serial: str | None) -> Survey:
+async def survey(factory: Callable[[], UsbTransport], serial: str | None, *, keep_awake: bool = True) -> Survey:
     """Ask a camera everything, switching it to live mode if need be, and let go of it. Raises ThetaError."""
     found = Survey()
     transport = factory()
@@ -64,7 +65,8 @@ async def survey(factory: Callable[[], UsbTransport], serial: str | None) -> Sur
         functions = _face(found, transport)
         if functions.video is None and functions.still is not None:
             serial = transport.identity.serial
-            await bringup.switch_to_live(transport, functions.still)
+            await _properties(found, transport, functions.still)
+            await bringup.switch_to_live(transport, functions.still, keep_awake=keep_awake)
             left = time.monotonic()
             await transport.close()
             transport = await _returned(factory, serial, left + RETURN_S)
@@ -95,9 +97,10 @@ def _face(found: Survey, transport: UsbTransport) -> bringup.Functions:
 
 
 async def _returned(factory: Callable[[], UsbTransport], serial: str, deadline: float) -> UsbTransport:
+    """The camera in live mode; until udev has seen it, it may belong to root alone."""
     while time.monotonic() < deadline:
         transport = factory()
-        with contextlib.suppress(ThetaNotFound, ThetaGone):
+        with contextlib.suppress(ThetaError):
             await transport.open(serial or None, lambda _: None)
             if bringup.functions(transport).video is not None:
                 return transport
@@ -127,28 +130,31 @@ async def _negotiation(found: Survey, transport: UsbTransport, video: VideoFunct
         for frame in video_format.frames:
             wish = Probe(1, video_format.index, frame.index, frame.default_interval_100ns)
             label = f"{frame.width}x{frame.height} "
-            try:
-                length = int.from_bytes(bytes.fromhex(found.negotiation["PROBE GET_LEN"]), "little")
-                block = wish.encode(length)
-                await transport.control(TO_INTERFACE, SET_CUR, VS_PROBE, video.interface, block)
-            except (ThetaError, ValueError) as error:
-                found.negotiation[f"{label}PROBE SET_CUR"] = str(error)
+            for length in BLOCK_BYTES:  # the longest that is taken is the camera's own
+                try:
+                    await transport.control(TO_INTERFACE, SET_CUR, VS_PROBE, video.interface, wish.encode(length))
+                except ThetaError as error:
+                    found.negotiation[f"{label}PROBE SET_CUR {length}"] = str(error)
+                else:
+                    found.negotiation[f"{label}PROBE SET_CUR {length}"] = "taken"
+                    break
             await ask(label)
     await transport.release(video.interface)
 
 
 async def _properties(found: Survey, transport: UsbTransport, still: StillFunction) -> None:
     session = PtpSession(transport, still)
+    answers = found.properties.setdefault(found.faces[-1]["usb_id"], {})
     try:
-        info = await session.device_info()
-        found.device_info = info.encode().hex()
         await session.open()
-        for code in info.properties:
+        info = await session.raw_device_info()
+        found.device_info = info.hex()
+        for code in DeviceInfo.decode(info).properties:
             try:
                 raw = await session.ask(Operation.GET_PROPERTY_DESCRIPTION, f"property {code:#06x}", code)
-                found.properties[f"{code:#06x}"] = raw.hex()
-            except (ThetaError, ThetaMalformed) as error:
-                found.properties[f"{code:#06x}"] = str(error)
+                answers[f"{code:#06x}"] = raw.hex()
+            except PtpRefused as refusal:
+                answers[f"{code:#06x}"] = str(refusal)
         await session.close()
     except ThetaError as error:
-        found.properties["error"] = str(error)
+        answers["error"] = str(error)
