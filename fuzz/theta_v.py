@@ -3,9 +3,9 @@
     python fuzz/theta_v.py --seconds 600
 
 The first byte chooses what is fuzzed: descriptors, payloads and pictures, NAL units and parameter sets, PTP
-containers, USB/IP answers, or the simulated camera. Checked for every input: nothing raises but the driver's own
-errors, memory stays bounded, and a PTP stream means the same however it is cut. Where atheris has no wheel, the
-same checks run on random mutations of the same seeds, without guidance.
+containers, USB/IP answers, the simulated camera, or its USB/IP server. Checked for every input: nothing raises
+but the driver's own errors, memory stays bounded, and a PTP stream means the same however it is cut. Where atheris
+has no wheel, the same checks run on random mutations of the same seeds, without guidance.
 """
 
 from __future__ import annotations
@@ -30,15 +30,17 @@ with atheris.instrument_imports(include=["drivers.theta_v"]) if atheris else nul
     from drivers.theta_v.codec import h264, ptp, usbip
     from drivers.theta_v.codec.access_units import MAX_HELD_BYTES, AccessUnitTracker
     from drivers.theta_v.codec.descriptors import find_still, find_video, parse_configuration
-    from drivers.theta_v.codec.payload import Assembler, Flaw, Packet, Unit
+    from drivers.theta_v.codec.payload import RAN_DRY, Assembler, Flaw, Packet, Unit
     from drivers.theta_v.codec.probe import Probe
     from drivers.theta_v.codec.sps_rewrite import rewritten
-    from drivers.theta_v.errors import ThetaError, ThetaMalformed, ThetaStall
+    from drivers.theta_v.errors import ThetaError, ThetaGone, ThetaMalformed, ThetaStall
     from drivers.theta_v.simulator.camera import SimulatedThetaV
     from drivers.theta_v.simulator.descriptors import LIVE_CONFIGURATION, MTP_CONFIGURATION
+    from drivers.theta_v.simulator.usbip_session import Session
     from drivers.theta_v.transport.usbip_urbs import Urbs, Video
 
 LONGEST_INPUT = 2000
+ANSWER_BYTES = 16 << 20  # the server stops answering at half of that, and one answer is at most 4 MiB
 UNIT_BYTES = 500  # the assembler's limit here, small enough to be reached
 SPS = bytes.fromhex("674240289a6403c0113f2e02d40404050000030001000003003ce0600000000000")
 PICTURE = b"\0\0\0\1" + SPS + b"\0\0\0\1\x68\xce\x3c\x80\0\0\0\1\x65\x88\x84\0\x10\xff"
@@ -62,13 +64,15 @@ def check_descriptors(data: bytes) -> None:
 
 
 def check_payloads(data: bytes) -> None:
-    """The input as packets, each behind its status and its length."""
+    """The framing a camera announces, and the rest as packets, each behind its status and its length."""
     packets: list[Packet] = []
-    at = 0
+    at = 1
     while at + 2 <= len(data):
-        packets.append((0 if data[at] < 224 else -18, data[at + 2 : at + 2 + data[at + 1]]))
+        status = 0 if data[at] < 224 else RAN_DRY if data[at] == 255 else -18
+        packets.append((status, data[at + 2 : at + 2 + data[at + 1]]))
         at += 2 + data[at + 1]
-    assembler, tracker = Assembler(UNIT_BYTES, opens=h264.opens_stream), AccessUnitTracker()
+    framing = data[0] if data else 0
+    assembler, tracker = Assembler(UNIT_BYTES, opens=h264.opens_stream, framing=framing), AccessUnitTracker()
     for unit in assembler.feed(0, packets):
         if not 0 < len(unit.data) <= UNIT_BYTES:
             raise AssertionError(f"a unit of {len(unit.data)} bytes")
@@ -149,7 +153,24 @@ def check_camera(data: bytes) -> None:
             port.read(0x81, 512)
 
 
-TARGETS = (check_descriptors, check_payloads, check_pictures, check_containers, check_usbip, check_camera)
+def check_server(data: bytes) -> None:
+    """The USB/IP server must survive what a client may send, attached or not, however it is cut."""
+    for attached in (False, True):
+        session = Session(SimulatedThetaV())
+        with suppress(ThetaMalformed, ThetaGone):
+            if attached:
+                session.receive(usbip.operation(usbip.OP_REQ_IMPORT) + b"1-1".ljust(usbip.BUSID_BYTES, b"\0"))
+            for at in range(0, len(data), 40):
+                session.receive(data[at : at + 40])
+                session.complete(time.monotonic_ns() + 10**9)
+        if len(session.outbox) > ANSWER_BYTES:
+            raise AssertionError(f"{len(session.outbox)} bytes in answer to {len(data)}")
+        session.close()
+
+
+TARGETS = (
+    check_descriptors, check_payloads, check_pictures, check_containers, check_usbip, check_camera, check_server,
+)  # fmt: skip
 
 
 def seeds() -> Iterator[bytes]:
@@ -157,7 +178,7 @@ def seeds() -> Iterator[bytes]:
         yield b"\0" + raw
     for flags in (0x80, 0x82, 0x83, 0xC2):
         packet = bytes([2, flags]) + PICTURE
-        yield b"\1" + (b"\0" + bytes([len(packet)]) + packet) * 2 + b"\xff\0"
+        yield b"\1\3" + (b"\0" + bytes([len(packet)]) + packet) * 2 + b"\xff\0"
     for raw in (PICTURE, SPS, PICTURE[len(SPS) + 8 :], PICTURE * 2):
         yield b"\2" + raw
     device = SimulatedThetaV().ptp
@@ -173,6 +194,10 @@ def seeds() -> Iterator[bytes]:
     yield (
         b"\5" + bytes.fromhex("0009010000000000").ljust(24, b"\0") + bytes.fromhex("a185000102000200").ljust(24, b"\0")
     )
+    setup = bytes.fromhex("0009010000000000")
+    yield b"\6" + usbip.Submit(1, 1 << 16 | 2, False, 0, 0, 0, setup=setup).encode() + usbip.unlink(2, 1, 1)
+    yield b"\6" + usbip.Submit(1, 1 << 16 | 2, True, 4, 256, 4).encode() + usbip.iso_request(4, 64)
+    yield b"\6" + usbip.operation(usbip.OP_REQ_DEVLIST)
     yield b"\5" + bytes(8) + ptp.command(0x1002, 0, 1).encode()
 
 

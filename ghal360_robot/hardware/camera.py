@@ -64,7 +64,7 @@ class CameraInput:
         """With what the camera says of its battery, and, while pictures come, what it complains about: heat first."""
         stats = self._camera.stats
         link = link_stats(stats.link.value, stats)
-        if stats.battery_percent is None:
+        if stats.battery_percent is None or link.link != "streaming":
             return link
         condition = f"battery {stats.battery_percent} %, {stats.charging}"
         return replace(link, detail=link.detail or "; ".join(stats.faults), condition=condition)

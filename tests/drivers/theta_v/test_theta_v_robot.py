@@ -104,3 +104,4 @@ async def test_battery_charging_and_what_the_camera_complains_about_are_in_its_l
             await until(lambda: "12 % and does not charge" in link().detail)
             camera.unplug()
             await until(lambda: "hot" not in link().detail and link().detail != "")
+            assert link().condition == "", "what it said before it left is old"
