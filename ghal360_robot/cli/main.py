@@ -13,7 +13,21 @@ from drivers.rmp110.errors import RmpError
 from drivers.theta_v.errors import ThetaError
 from drivers.tim571.errors import TimError
 from ghal360_robot import __version__
-from ghal360_robot.cli import bench, config, demo, detectors, export, inspect, pictures, probe, replay, run, simulate
+from ghal360_robot.cli import (
+    bench,
+    config,
+    demo,
+    detectors,
+    export,
+    inspect,
+    pictures,
+    probe,
+    replay,
+    run,
+    simulate,
+    view,
+)
+from ghal360_robot.cli.careful import run_in_child, wants_child
 from ghal360_robot.cli.optional_value import LiveCommand
 from ghal360_robot.errors import GhalError
 from ghal360_robot.logbook.errors import LogbookError
@@ -38,6 +52,7 @@ app.add_typer(simulate.app, name="simulate")
 app.command("inspect")(inspect.inspect)
 app.command("replay")(replay.replay)
 app.command("export")(export.export)
+app.command("view")(view.view)
 app.add_typer(bench.app, name="bench")
 app.add_typer(config.app, name="config")
 app.add_typer(detectors.app, name="detectors")
@@ -61,7 +76,14 @@ def _options(
 
 def main() -> None:
     """Entry point: exit 0, 1 (failed, one sentence) or 2 (usage)."""
+    if wants_child(sys.argv[1:]):
+        status, sentence = run_in_child(sys.argv[1:])
+        sys.exit(guarded(lambda: _fail(sentence)) if sentence else status)
     sys.exit(guarded(app))
+
+
+def _fail(sentence: str) -> None:
+    raise GhalError(sentence)
 
 
 def guarded(command: Callable[[], None]) -> int:

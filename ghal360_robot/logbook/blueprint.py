@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import rerun as rr
 import rerun.blueprint as rrb
 
 # How much of the past the plots show beside the cursor.
@@ -19,7 +22,9 @@ def _recent() -> rrb.VisibleTimeRange:
 def _plot(name: str, *entities: str) -> rrb.TimeSeriesView:
     """With what a replay would have decided, where such a recording is opened beside."""
     contents = [f"+ {root}/{entity}" for entity in entities for root in ("", "/replayed")]
-    return rrb.TimeSeriesView(name=name, origin="/", contents=contents, time_ranges=[_recent()])
+    # Without this the viewer draws whatever numbers it finds in an entity, a covariance as well as a speed.
+    lines: dict[Any, Any] = {path.removeprefix("+ /"): rr.SeriesLines().visualizer() for path in contents}
+    return rrb.TimeSeriesView(name=name, origin="/", contents=contents, time_ranges=[_recent()], overrides=lines)
 
 
 def _panorama() -> rrb.Spatial2DView:

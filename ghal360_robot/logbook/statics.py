@@ -105,6 +105,8 @@ def log_statics(stream: rr.RecordingStream, run: Run) -> None:
     for entity, names in SERIES.items():
         visible = HIDDEN_SERIES.get(entity)
         stream.log(entity, rr.SeriesLines(names=names, visible_series=visible), static=True)
+    for entity, style in styles().items():
+        stream.log(entity, style, static=True)
     states = rr.StateConfiguration(
         values=list(STATE_COLORS),
         labels=list(STATE_COLORS),
@@ -112,6 +114,18 @@ def log_statics(stream: rr.RecordingStream, run: Run) -> None:
     )
     for table in (entities.GUIDANCE_CUE, entities.STATE_ARM, entities.STATE_BASE):
         stream.log(table.entity, states, static=True)
+
+
+def styles() -> dict[str, rr.AsComponents]:
+    """Colours and sizes of what is drawn in the world; legible on light and on dark."""
+    return {
+        "lidar/scan": rr.Points3D.from_fields(radii=0.02, colors=(40, 110, 220)),
+        "world/trail": rr.Points3D.from_fields(radii=0.03, colors=(130, 130, 130)),
+        "world/target": rr.Points3D.from_fields(radii=0.15, colors=(255, 170, 0), labels="target"),
+        "sim/truth": rr.Points3D.from_fields(radii=0.08, colors=(90, 200, 110), labels="truth"),
+        "world/gaze": rr.LineStrips3D.from_fields(radii=0.015),
+        "tf/base": rr.TransformAxes3D(0.5),
+    }
 
 
 def _texts(properties: Mapping[str, str]) -> dict[str, list[str]]:

@@ -33,7 +33,8 @@ FRUSTUM_M = 2.0
 
 WEDGE_COLOURS = {0: 0x969696A0, CLUTTER: 0x78DCFFFF, TARGET: 0xFFC828FF, TARGET | CLUTTER: 0xFF7828FF}
 """As in the exported film: distinct in lightness as well as in hue."""
-VIEW_COLOUR = 0xFFFFFFFF
+VIEW_COLOUR = 0xE64BC8FF
+"""Neither of the world's nor of the page's colours: seen on light and on dark."""
 CUE_COLOUR = 0x46E678FF
 RING_Y = PICTURE.height * 0.97
 RING_RADIUS = 12.0
