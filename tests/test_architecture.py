@@ -37,6 +37,7 @@ KNOWS_THE_WORLD = (
     "ghal360_robot/simulation/",
     "ghal360_robot/cli/",
     "ghal360_robot/bench/",
+    "ghal360_robot/experiments/",
     "ghal360_robot/perception/detectors/painted.py",  # its hues are the world's paint, and it says so
 )
 

@@ -28,7 +28,10 @@ from ghal360_robot.cli import (
     view,
 )
 from ghal360_robot.cli.careful import run_in_child, wants_child
+from ghal360_robot.cli.evaluate import evaluate
+from ghal360_robot.cli.figures import figures
 from ghal360_robot.cli.optional_value import LiveCommand
+from ghal360_robot.cli.train import train
 from ghal360_robot.errors import GhalError
 from ghal360_robot.logbook.errors import LogbookError
 
@@ -57,6 +60,9 @@ app.add_typer(bench.app, name="bench")
 app.add_typer(config.app, name="config")
 app.add_typer(detectors.app, name="detectors")
 app.command("pictures")(pictures.pictures)
+app.command("train")(train)
+app.command("evaluate")(evaluate)
+app.command("figures")(figures)
 
 
 def _version(wanted: bool) -> None:

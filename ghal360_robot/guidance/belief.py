@@ -22,8 +22,6 @@ NOT_IN_VIEW = N_WEDGES
 WAIT = 3
 """Beside LEFT, RIGHT, CONFIRM: show nothing and look again."""
 
-_MASKS = np.arange(N_CLUTTER)[:, None] >> np.arange(N_WEDGES) & 1
-
 
 @dataclass(frozen=True, slots=True)
 class DetectorModel:
@@ -95,11 +93,14 @@ def expected_values(
     `q` (2048, 3) is by `mdp.one_target_codes`; `belief` (..., 9) and `clutter` (..., 8), the chance that a
     wedge is cluttered, are egocentric. Given that the target is in view: else there is nothing to point at.
     """
-    masks = np.prod(np.where(_MASKS, clutter[..., None, :], 1 - clutter[..., None, :]), axis=-1)
+    # Chance of each of the 256 sets of cluttered wedges, a wedge at a time: bit i of the index is wedge i.
+    masks = np.ones((*clutter.shape[:-1], 1))
+    for i in range(N_WEDGES):
+        masks = np.concatenate([masks * (1 - clutter[..., i : i + 1]), masks * clutter[..., i : i + 1]], axis=-1)
+    by_target = masks @ q.reshape(N_WEDGES, N_CLUTTER, 3).swapaxes(0, 1).reshape(N_CLUTTER, N_WEDGES * 3)
     wedges = belief[..., :NOT_IN_VIEW]
     wedges = wedges / np.maximum(wedges.sum(axis=-1, keepdims=True), 1e-300)
-    table = q.reshape(N_WEDGES, N_CLUTTER, 3)
-    values: NDArray[np.float64] = np.einsum("...t,...m,tma->...a", wedges, masks, table, optimize=True)
+    values: NDArray[np.float64] = (wedges[..., None] * by_target.reshape(*clutter.shape, 3)).sum(axis=-2)
     return values
 
 

@@ -247,9 +247,7 @@ class Training:
     def _draws_to_relive(self) -> Floats:
         """(BLOCK, dyna, 2, rows)"""
         shape = (BLOCK, self.settings.dyna, 2, N_ORBITS)
-        return np.stack([rng.random(shape) for rng in self.rngs], axis=3).reshape(
-            *shape[:3], N_ORBITS * len(self.rngs)
-        )
+        return np.stack([rng.random(shape) for rng in self.rngs], axis=3).reshape(*shape[:3], N_ORBITS * len(self.rngs))
 
     def _relive(self, memory: Remembered, pair_u: Floats, outcome_u: Floats) -> None:
         """One remembered step of each row, learned from again."""
