@@ -23,11 +23,13 @@ RESULT = "RESULT "
 def smoke(trial: Trial) -> None:
     """Mode switch and ten seconds of 2K."""
     trial.client("client-2k", "2k", 10)
+    trial.floor("2k", 3)
 
 
 def full(trial: Trial) -> None:
     trial.probe("2k", 60)
     trial.probe("4k", 60)
+    trial.floor("4k", 10)
     trial.replug()
     trial.restarts()
     trial.kill()
@@ -36,6 +38,7 @@ def full(trial: Trial) -> None:
 def bulk(trial: Trial) -> None:
     """Firmware that sends video through a bulk endpoint."""
     trial.client("bulk-2k", "2k", 10)
+    trial.floor("2k", 3)
 
 
 PLANS: dict[str, tuple[Callable[[Trial], None], ...]] = {"smoke": (smoke,), "full": (full, bulk)}
@@ -48,6 +51,7 @@ def session(plan: Callable[[Trial], None], units: dict[int, list[bytes]]) -> Tri
         trial = Trial(camera, encoder)
         try:
             plan(trial)
+            trial.results[f"pace-{plan.__name__}"] = {"verdict": trial.judge_pace()}
         except (OSError, KeyError, ValueError, subprocess.SubprocessError) as error:
             trial.failures.append(f"the trial itself: {error!r}")
     return trial

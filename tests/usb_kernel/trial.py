@@ -24,10 +24,15 @@ ENOUGH = 0.99  # of the pictures of the time: the first and the last are cut off
 
 
 class Trial:
+    """What arrives must be whole, whatever else the machine does; how fast is judged beside what it can do."""
+
     def __init__(self, camera: SimulatedThetaV, encoder: Encoder) -> None:
         self.camera, self.encoder = camera, encoder
         self.results: dict[str, Any] = {}
         self.failures: list[str] = []
+        self.slow: list[str] = []
+        """Runs in which pictures came late or were dropped by the camera, because nobody fetched them in time."""
+        self._overruns = 0
 
     def probe(self, mode: str, seconds: float) -> None:
         """`ghal360 probe theta-v`, as the person at the robot runs it."""
@@ -54,7 +59,7 @@ class Trial:
             "cpu_s": {name: round(value - busy[name], 1) for name, value in cpu_s().items()},
         }  # fmt: skip
         self._note(name, found)
-        self._expect(name, "received in real time", found.get("pictures", 0) >= ENOUGH * seconds * RATE_HZ)
+        self._expect_pace(name, found.get("pictures", 0) >= ENOUGH * seconds * RATE_HZ)
         self._expect_whole(name, found)
 
     def client(self, name: str, mode: str, seconds: float, meanwhile: Callable[[], None] | None = None) -> None:
@@ -70,9 +75,30 @@ class Trial:
         found = last_line(out) | compare(self.encoder.sent[before:], got) | {"exit": status}
         self._note(name, found)
         self._expect(name, "exit", status == 0)
-        self._expect(name, "streaming to the end", found.get("link") == "streaming" and found["rate_hz"] > 25)
+        self._expect(name, "streaming to the end", found.get("link") == "streaming")
+        self._expect_pace(name, found.get("rate_hz", 0.0) > 25)
         self._expect_whole(name, found)
         until(lambda: self.camera.demand is None, 5.0)
+
+    def floor(self, mode: str, seconds: float) -> None:
+        """The same stream, read and thrown away."""
+        out, status = self._end(python("-m", "tests.usb_kernel.floor", mode, seconds), seconds)
+        found = last_line(out)
+        self._note(f"floor-{mode}", found)
+        self._expect(f"floor-{mode}", "exit", status == 0)
+        until(lambda: self.camera.demand is None, 5.0)
+
+    def judge_pace(self) -> str:
+        """Too slow is a failure where this machine is fast enough for a program that does nothing with the pictures."""
+        floor_hz = min(
+            (run.get("rate_hz", 0.0) for name, run in self.results.items() if name.startswith("floor")), default=0.0
+        )
+        if not self.slow:
+            return "real time"
+        runs = ", ".join(self.slow)
+        if floor_hz >= ENOUGH * RATE_HZ:
+            self.failures.append(f"{runs}: not in real time, and a bare reader is ({floor_hz:.2f} Hz)")
+        return f"{runs}: not in real time; a bare reader gets {floor_hz:.2f} Hz here"
 
     def replug(self) -> None:
         """The cable is pulled for two seconds in the middle of the stream."""
@@ -114,9 +140,16 @@ class Trial:
         if not met:
             self.failures.append(f"{name}: not {what}")
 
+    def _expect_pace(self, name: str, met: bool) -> None:
+        overruns, self._overruns = self.camera.overruns - self._overruns, self.camera.overruns
+        if not met or overruns:
+            self.slow.append(name)
+
     def _expect_whole(self, name: str, found: dict[str, Any]) -> None:
-        self._expect(name, "byte for byte", found["clean_but_wrong"] == 0 and found["identical"] == found["clean"])
+        self._expect(name, "byte for byte", found["clean_but_wrong"] == 0 and found["identical"] == found["got"] > 0)
         self._expect(name, "gapless", found["missing_between"] == 0 or name == "replug")
+        # Pictures the camera itself had to drop leave the rest of their group tainted, and rightly so.
+        self._expect(name, "called clean", found["clean"] == found["got"] or name in self.slow)
 
 
 def python(*words: object) -> subprocess.Popen[str]:
