@@ -11,7 +11,7 @@ run: $(VENV)/.installed page
 	$(BIN)/ghal360 demo
 
 test: $(VENV)/.installed page lint
-	$(BIN)/pytest -m "not campaign"
+	$(BIN)/pytest -m "not campaign and not page"
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check .
@@ -24,7 +24,8 @@ page: $(PAGE)/dist/index.html
 $(PAGE)/dist/index.html: $(PAGE)/package-lock.json $(PAGE)/index.html $(wildcard $(PAGE)/src/*)
 	@node -e 'process.exit(+(process.versions.node.split(".")[0] < 20))' 2>/dev/null && command -v npm >/dev/null || \
 		{ echo "Node 20 or newer with npm is not there: the telepresence page is left out."; exit 0; }; \
-		cd $(PAGE) && npm ci --no-audit --no-fund --ignore-scripts --loglevel=error && npm run build --silent
+		cd $(PAGE) && { [ node_modules/.package-lock.json -nt package-lock.json ] || \
+		npm ci --no-audit --no-fund --ignore-scripts --loglevel=error; } && npm run build --silent
 
 # The whole page in a real Chromium (apt install chromium) on a simulated robot: about ten minutes.
 test-page: $(VENV)/.installed page

@@ -13,7 +13,7 @@ from drivers.rmp110.errors import RmpError
 from drivers.theta_v.errors import ThetaError
 from drivers.tim571.errors import TimError
 from ghal360_robot import __version__
-from ghal360_robot.cli import (
+from ghal360_robot.cli import (, tls, token
     bench,
     config,
     demo,
@@ -60,6 +60,8 @@ app.add_typer(bench.app, name="bench")
 app.add_typer(config.app, name="config")
 app.add_typer(detectors.app, name="detectors")
 app.command("pictures")(pictures.pictures)
+app.add_typer(tls.app, name="tls")
+app.command("token")(token.token)
 app.command("train")(train)
 app.command("evaluate")(evaluate)
 app.command("figures")(figures)

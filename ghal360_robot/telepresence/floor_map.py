@@ -45,9 +45,10 @@ class FloorMap:
         reach = np.minimum(ranges, MAX_M)
         ends_x, ends_y = x + reach * np.cos(yaws + yaw), y + reach * np.sin(yaws + yaw)
         outline = np.column_stack((self._cells(ends_x, 0), self._cells(ends_y, 1)))
-        outline[~seen] = (self._cells(np.array([x]), 0)[0], self._cells(np.array([y]), 1)[0])
+        here = np.array([[self._cells(np.array([x]), 0)[0], self._cells(np.array([y]), 1)[0]]])
+        outline[~seen] = here
         swept = np.zeros((CELLS, CELLS), np.uint8)
-        cv2.fillPoly(swept, [outline.astype(np.int32)], 1)
+        cv2.fillPoly(swept, [np.concatenate((here, outline)).astype(np.int32)], 1)
         evidence = self._evidence.astype(np.int16) + MISS * swept.astype(np.int16)
         hits = outline[seen & (ranges < MAX_M)]
         evidence[hits[:, 1], hits[:, 0]] += HIT - MISS

@@ -145,7 +145,7 @@ def _wish(inputs: Inputs, decision: Decision) -> Twist:
 def _intention(inputs: Inputs, decision: Decision) -> float | None:
     if decision.intention is None or inputs.base is None:
         return None
-    return wrap(-decision.intention * math.tau / len(decision.belief) - inputs.base.pose.yaw)
+    return wrap(-decision.intention * math.tau / len(decision.belief) - _place(inputs.base.pose)["yaw"])
 
 
 def _distance(around: Surroundings, yaw: float) -> float | None:

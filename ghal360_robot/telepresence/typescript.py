@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import TypeAdapter
 
@@ -20,8 +20,10 @@ SAID_BY_CODE = {"title", "description", "default"}
 
 def schema() -> dict[str, Any]:
     """The definitions of all messages, and what each side may say."""
-    sides = {"FromPage": FromPage, "FromServer": FromServer}
-    inputs = [(name, "validation", TypeAdapter(kind)) for name, kind in sides.items()]
+    sides: dict[str, Any] = {"FromPage": FromPage, "FromServer": FromServer}
+    inputs: list[tuple[str, Literal["validation"], TypeAdapter[Any]]] = [
+        (name, "validation", TypeAdapter(kind)) for name, kind in sides.items()
+    ]
     roots, shared = TypeAdapter.json_schemas(inputs, ref_template="#/$defs/{model}")
     definitions = dict(shared["$defs"])
     definitions.update({name: roots[name, "validation"] for name in sides})
@@ -61,7 +63,7 @@ def _declaration(name: str, definition: dict[str, Any]) -> str:
     return "\n".join((f"export interface {name} {{", *lines, "}\n"))
 
 
-def _type(node: dict[str, Any]) -> str:  # noqa: PLR0911 - a table of cases
+def _type(node: dict[str, Any]) -> str:
     if "$ref" in node:
         return str(node["$ref"].rsplit("/", 1)[1])
     if "const" in node:

@@ -222,9 +222,13 @@ async def chromium(*flags: str) -> AsyncIterator[Browser]:
                 await process.wait()
 
 
+def _lines(file: Path) -> list[str]:
+    return file.read_text().split() if file.exists() else []
+
+
 async def _address(file: Path) -> str:
     deadline = time.monotonic() + START_S
-    while not (file.exists() and len(lines := file.read_text().split()) == 2):
+    while len(lines := _lines(file)) != 2:
         assert time.monotonic() < deadline, "Chromium does not start"
         await asyncio.sleep(0.05)
     return f"ws://127.0.0.1:{lines[0]}{lines[1]}"

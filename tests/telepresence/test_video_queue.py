@@ -1,0 +1,107 @@
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ghal360_robot.telepresence.frames import HEADER, VERSION, Flags, Frame
+from ghal360_robot.telepresence.video_queue import MAX_AGE_NS, MAX_BYTES, MAX_FRAMES, RETRY_NS, VideoQueue
+
+MS = 1_000_000
+
+
+def frame(sequence: int, stamp_ns: int, *, key: bool = False, size: int = 10) -> Frame:
+    return Frame(b"\0" * size, stamp_ns, sequence, 64, 32, key)
+
+
+def test_nothing_is_sent_before_a_key_picture() -> None:
+    queue = VideoQueue()
+    assert not queue.offer(frame(1, 0), 0)
+    assert queue.take(0) is None
+    assert queue.offer(frame(2, 0, key=True), 0)
+    sent = queue.take(0)
+    assert sent is not None
+    assert sent == (frame(2, 0, key=True), True)
+
+
+def test_a_slow_connection_loses_whole_groups() -> None:
+    queue = VideoQueue()
+    queue.offer(frame(0, 0, key=True), 0)
+    for k in range(1, 30):
+        queue.offer(frame(k, k * 33 * MS), k * 33 * MS)
+    assert len(queue) == 0
+    assert queue.dropped == 30
+    now = 30 * 33 * MS
+    assert queue.offer(frame(30, now, key=True), now)
+    assert queue.take(now) == (frame(30, now, key=True), True)
+
+
+def test_what_was_dropped_is_dropped_up_to_the_next_key_picture() -> None:
+    queue = VideoQueue()
+    queue.offer(frame(0, 0, key=True), 0)
+    for k in range(1, MAX_FRAMES + 1):
+        queue.offer(frame(k, 0), 0)
+    assert not queue.offer(frame(MAX_FRAMES + 1, 0), 0)
+    assert queue.take(0) is None
+
+
+def test_bytes_are_bounded() -> None:
+    queue = VideoQueue()
+    queue.offer(frame(0, 0, key=True, size=MAX_BYTES - 5), 0)
+    assert not queue.offer(frame(1, 0), 0)
+
+
+def test_nothing_more_is_sent_while_the_page_shows_nothing() -> None:
+    queue = VideoQueue()
+    sequence, sent = 0, []
+    for now in range(0, 1500 * MS, 33 * MS):
+        queue.offer(frame(sequence, now, key=sequence % 30 == 0), now)
+        sequence += 1
+        while taken := queue.take(now):
+            sent.append((taken[0].sequence, now))
+    assert max(now for _, now in sent) <= 700 * MS
+    queue.shown(sent[-1][0])
+    now = 2000 * MS
+    assert queue.offer(frame(sequence, now, key=True), now)
+
+
+def test_a_hidden_page_is_asked_again_with_one_key_picture() -> None:
+    queue = VideoQueue()
+    queue.offer(frame(0, 0, key=True), 0)
+    queue.take(0)
+    now = 1000 * MS
+    assert not queue.offer(frame(1, now, key=True), now)
+    now = RETRY_NS + MS
+    assert queue.offer(frame(2, now, key=True), now)
+
+
+STEPS = st.lists(st.tuples(st.integers(0, 60), st.booleans(), st.integers(0, 3), st.booleans()), max_size=120)
+
+
+@given(STEPS)
+def test_every_picture_that_is_sent_has_all_its_predecessors(steps: list[tuple[int, bool, int, bool]]) -> None:
+    """Whatever the pace of offering, sending and showing."""
+    queue, now, sent = VideoQueue(), 0, None
+    for sequence, (pause_ms, key, takes, shows) in enumerate(steps):
+        now += pause_ms * MS
+        queue.offer(frame(sequence, now, key=key), now)
+        assert len(queue) <= MAX_FRAMES
+        for _ in range(takes):
+            taken = queue.take(now)
+            if taken is None:
+                break
+            picture, gap = taken
+            assert picture.key or picture.sequence == sent + 1
+            assert gap or sent is None or picture.sequence == sent + 1
+            assert picture.key or now - picture.stamp_ns <= MAX_AGE_NS
+            sent = picture.sequence
+        if shows and sent is not None:
+            queue.shown(sent)
+
+
+def test_the_header_says_what_the_page_needs() -> None:
+    message = Frame(b"unit", 1_234_567_890_123, 2**32 + 5, 3840, 1920, True, tainted=True).message(gap=True)
+    version, flags, _, sequence, stamp_us, width, height, _ = HEADER.unpack(message[: HEADER.size])
+    assert (version, sequence, stamp_us, width, height) == (VERSION, 5, 1_234_567_890, 3840, 1920)
+    assert flags == Flags.KEY | Flags.GAP | Flags.TAINTED
+    assert HEADER.size == 24
+    assert message[24:] == b"unit"
