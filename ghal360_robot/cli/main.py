@@ -13,7 +13,7 @@ from drivers.rmp110.errors import RmpError
 from drivers.theta_v.errors import ThetaError
 from drivers.tim571.errors import TimError
 from ghal360_robot import __version__
-from ghal360_robot.cli import (, tls, token
+from ghal360_robot.cli import (
     bench,
     config,
     demo,
@@ -25,6 +25,8 @@ from ghal360_robot.cli import (, tls, token
     replay,
     run,
     simulate,
+    tls,
+    token,
     view,
 )
 from ghal360_robot.cli.careful import run_in_child, wants_child
