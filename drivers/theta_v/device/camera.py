@@ -263,7 +263,7 @@ class ThetaV:
                 continue
             self._detail = f"{what}: {step.value}"
             log.warning("camera: %s", self._detail)
-            if step is Step.REOPEN:
+            if step is Step.REOPEN or (self._once and step is Step.TOGGLE):  # nobody would fetch it back
                 raise ThetaTimeout("the camera sends no pictures and restarting it did not help; replug it")
             self._restarts += 1
             agreement = await self._climb(step, video, agreement)

@@ -17,7 +17,7 @@ from drivers.theta_v.device import camera as device
 from drivers.theta_v.device.camera import TransportFactory
 from drivers.theta_v.device.ladder import Ladder
 from drivers.theta_v.device.stats import Link
-from drivers.theta_v.errors import ThetaGone, ThetaNotFound, ThetaRefused, ThetaWrongDevice
+from drivers.theta_v.errors import ThetaGone, ThetaNotFound, ThetaRefused, ThetaTimeout, ThetaWrongDevice
 from drivers.theta_v.simulator.attached import AttachedTransport
 from drivers.theta_v.simulator.camera import SimulatedThetaV
 from drivers.theta_v.simulator.descriptors import Composition
@@ -479,6 +479,14 @@ async def test_asked_once_a_lost_camera_ends_the_pictures_with_an_error(front: F
                 simulated.unplug()
                 with pytest.raises(ThetaGone, match="left the bus"):
                     await asyncio.wait_for(exhaust(units), 10)
+
+
+async def test_asked_once_a_camera_without_pictures_is_not_left_in_still_mode() -> None:
+    simulated = SimulatedThetaV()
+    with pytest.raises(ThetaTimeout, match="sends no pictures"):
+        async with ThetaV(lambda: AttachedTransport(simulated), QUICK, once=True) as camera:
+            await asyncio.wait_for(exhaust(camera.access_units()), 10)
+    assert simulated.composition is Composition.LIVE
 
 
 async def exhaust(units: AsyncIterator[AccessUnit]) -> None:
