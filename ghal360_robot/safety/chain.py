@@ -25,7 +25,7 @@ from ghal360_robot.safety.lease import denied
 from ghal360_robot.safety.limiter import ramp, start
 from ghal360_robot.safety.limits import SafetyLimits, clamp
 from ghal360_robot.safety.memory import Memory, remember
-from ghal360_robot.safety.staleness import Staleness, judge
+from ghal360_robot.safety.staleness import Staleness, judge, unanswered
 from ghal360_robot.safety.watchdog import gap
 
 if TYPE_CHECKING:
@@ -108,4 +108,5 @@ def _held(arming: Arming, inputs: Inputs, stale: Staleness, readings: tuple[Read
         return ("base is not in drive mode yet",)
     if inputs.operator is None or not inputs.operator.deadman:
         return ("dead man released",)
-    return derating.stops(readings, disarms=False)
+    late = unanswered(inputs)
+    return (late,) if late else derating.stops(readings, disarms=False)

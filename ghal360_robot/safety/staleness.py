@@ -14,6 +14,11 @@ if TYPE_CHECKING:
 WORDS = {"operator": "operator", "tim571": "lidar", "rmp110": "base", "theta": "video"}
 
 
+UNANSWERED_S = 0.08
+"""Every motion frame is answered within 10 ms. After four at 50 Hz that were not, the frames may wait in a queue; from
+0.1 s on the driver itself says zero instead, and a command must not come back from there at full speed."""
+
+
 @dataclass(frozen=True, slots=True)
 class Staleness:
     """`hold`: stand still now; `lost`: disarm; both in words. `silent` names the inputs that are too old."""
@@ -49,3 +54,10 @@ def judge(inputs: Inputs, limits: SafetyLimits) -> Staleness:
         hold.append("operator stamps from the future")
         silent.add("operator")
     return Staleness(tuple(hold), tuple(lost), frozenset(silent))
+
+
+def unanswered(inputs: Inputs) -> str:
+    """Why the base may not have heard the last commands, in words; empty where it has."""
+    base = inputs.freshness.get("rmp110")
+    late = base is None or not base.age_s <= UNANSWERED_S
+    return "base answers late" if late else ""

@@ -12,6 +12,7 @@ from ghal360_robot.messages import (
     STILL,
     ArmState,
     BaseMode,
+    BaseState,
     Command,
     Freshness,
     Inputs,
@@ -306,6 +307,17 @@ def test_the_robot_stops_before_a_wall_and_may_still_turn() -> None:
 def test_a_standing_robot_says_nothing_about_obstacles() -> None:
     rig = Rig(seen=0.65)
     assert rig.run(10, STILL)[-1].reasons == ()
+
+
+def test_while_the_base_answers_late_it_is_told_zero_and_then_ramped_up_from_what_it_does() -> None:
+    rig = driving()
+    assert rig.twist == FORWARD
+    tick = rig.inputs()
+    late = replace(tick.freshness["rmp110"], age_s=0.09)
+    held = rig.give(replace(tick, freshness={**tick.freshness, "rmp110": late}), FORWARD)
+    assert (held.twist, held.reasons, held.arm) == (STILL, ("base answers late",), ArmState.ARMED)
+    slower = BaseState(rig.n * TICK_NS, BaseMode.DRIVE, rig.pose, Twist(0.2, 0.0), 90.0)
+    assert rig.tick(FORWARD, base=slower).twist.v == pytest.approx(0.2 + SafetyLimits().accel * TICK_S)
 
 
 def test_a_covered_lidar_allows_no_motion_at_all() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from ghal360_robot.messages import Freshness, Inputs
 from ghal360_robot.safety.limits import SafetyLimits
-from ghal360_robot.safety.staleness import Staleness, judge
+from ghal360_robot.safety.staleness import Staleness, judge, unanswered
 from tests.safety.conftest import FRESH, TICK_NS, inputs
 
 LIMITS = SafetyLimits()
@@ -63,3 +63,13 @@ def test_an_unknown_name_is_said_as_it_is() -> None:
     limits = SafetyLimits(hold_s=(("gps", 1.0),), lost_s=(("gps", 2.0),))
     assert judge(inputs(5), limits).lost == ("gps lost",)
     assert judge(replace(inputs(5), operator=None), limits).hold == ()
+
+
+@pytest.mark.parametrize(
+    ("age_s", "late"), [(0.0, False), (0.08, False), (0.0801, True), (math.nan, True), (math.inf, True)]
+)
+def test_a_base_that_answers_nothing_for_four_ticks_may_not_have_heard_the_last_commands(
+    age_s: float, late: bool
+) -> None:
+    assert unanswered(with_one("rmp110", replace(FRESH, age_s=age_s))) == ("base answers late" if late else "")
+    assert unanswered(replace(inputs(5), freshness={})) == "base answers late"

@@ -27,8 +27,8 @@ from drivers.rmp110.errors import (
 
 SILENCE_S = 0.3
 """Feedback missing for so long ends the link (fact sheet 13.5); the base stops by itself at 0.5 s."""
-UNANSWERED_S = 0.08
-"""Every command is answered within 10 ms. After four at 50 Hz that were not, a bus that holds frames back may have
+UNANSWERED_S = 0.1
+"""Every command is answered within 10 ms. After five at 50 Hz that were not, a bus that holds frames back may have
 them in its queue of ten: from then on only zero follows, so that what comes last there, and is obeyed, is zero."""
 COMMAND_FRESH_S = 0.3
 """A motion command not renewed for so long is replaced by zero (fact sheet 13.5)."""

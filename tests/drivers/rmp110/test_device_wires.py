@@ -6,6 +6,7 @@ import asyncio
 import dataclasses
 import os
 import pty
+import re
 import subprocess
 import sys
 import time
@@ -94,7 +95,8 @@ async def test_a_base_in_another_process_is_driven_and_its_death_noticed(config:
             assert base.latest.v > 0.05
             process.kill()
             await until(lambda: base.link is LinkState.BACKOFF)
-            assert "failed: the server closed the connection" in base.stats.detail
+            # A killed process leaves its end closed or reset, whatever its kernel found unread.
+            assert re.search("failed: (the server closed|connection to the server lost)", base.stats.detail)
             await until(lambda: "Connection refused; check that the server" in base.stats.detail)
     finally:
         if process.returncode is None:
