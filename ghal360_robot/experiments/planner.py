@@ -29,7 +29,7 @@ from ghal360_robot.experiments.search import (
     likelihoods,
 )
 from ghal360_robot.guidance.belief import WAIT, DetectorModel, choose
-from ghal360_robot.guidance.egocentric import N_WEDGES
+from ghal360_robot.guidance.egocentric import N_WEDGES, wedge_of
 from ghal360_robot.guidance.mdp import CONFIRM, LEFT, RIGHT, AbstractMdp, one_target_codes
 from ghal360_robot.guidance.planning import value_iteration
 from ghal360_robot.intent.model import UNIFORM
@@ -207,3 +207,39 @@ class _Planned:
             return
         for name in ("trial", "place", "head", "chance", "aim", "belief", "toward"):
             setattr(self, name, getattr(self, name)[keep])
+
+
+class NextView:
+    """The same planner for one search whose robot moves by itself: where it is and what it saw go in, an arrow out."""
+
+    def __init__(self, ground: Ground, detector: DetectorModel) -> None:
+        self._ground, self._detector = ground, detector
+        self._spots = ground.spot_wedge
+        self._views = np.arange(0, len(ground.xy), 1 + len(ground.xy) // MOST_VIEWS)
+        self._seen_from = (self._spots[self._views] != UNSEEN).astype(np.float64)
+        self._chance = np.full(self._spots.shape[1], 1 / self._spots.shape[1])
+        self._aim = -1
+
+    def look(self, place: int, bearings: list[float]) -> float | None:
+        """One look from `place` that showed the target at these clockwise bearings (mostly none).
+
+        The bearing of the way to the next best view, or None where there is nothing left to see.
+        """
+        detector, ground = self._detector, self._ground
+        odds = np.full(N_WEDGES + 1, (1 - detector.hit_rate) / (1 - detector.false_rate))
+        odds[[wedge_of(bearing) for bearing in bearings]] = detector.hit_rate / detector.false_rate
+        odds[UNSEEN] = 1.0
+        self._chance *= odds[self._spots[place]]
+        self._chance /= self._chance.sum()
+        way = ground.path_m[place, self._views]
+        score = self._seen_from @ self._chance / (way + NEAR_M)
+        best = int(score.argmax())
+        if self._aim < 0 or self._views[self._aim] == place or score[best] > LOYALTY * score[self._aim]:
+            self._aim = best
+        steps = ground.moves[place]
+        rest = np.where(steps == place, np.inf, ground.path_m[steps, self._views[self._aim]])
+        step = int(steps[rest.argmin()])
+        if not np.isfinite(rest.min()):
+            return None
+        east, north = ground.xy[step] - ground.xy[place]
+        return math.atan2(east, north)
