@@ -70,6 +70,9 @@ class UsbIpLink:
             reason = str(error)
         except OSError as error:
             reason = f"the connection to the {self._server} broke: {error}"
+        except Exception as error:  # nobody else would hear of it, and the stream would only fall silent
+            log.exception("a mistake of this driver ended the video")
+            reason = f"the driver failed: {error!r}"
         if not self._closing:
             self._on_lost(reason)
 

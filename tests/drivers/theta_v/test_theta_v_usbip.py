@@ -16,13 +16,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.theta_v.codec import usbip
+from drivers.theta_v.codec.descriptors import ISOCHRONOUS, Endpoint
+from drivers.theta_v.codec.payload import Packet
 from drivers.theta_v.codec.probe import Probe
-from drivers.theta_v.errors import ThetaError, ThetaMalformed
+from drivers.theta_v.errors import ThetaError, ThetaGone, ThetaMalformed
 from drivers.theta_v.simulator.camera import SimulatedThetaV
 from drivers.theta_v.simulator.descriptors import LIVE_CONFIGURATION, LIVE_DEVICE
 from drivers.theta_v.simulator.usbip_server import UsbIpServer
 from drivers.theta_v.transport.usbip import UsbIpTransport
-from tests.drivers.theta_v.pictures import stream
+from tests.drivers.theta_v.pictures import Feeder, stream, until
 
 PICTURES = stream(3, 192, 96)
 SETUP = struct.Struct("<BBHHH")
@@ -252,6 +254,28 @@ async def test_a_lying_server_is_an_error_in_words(answers: bytes) -> None:
             async with asyncio.timeout(8):
                 await transport.open(None, lambda _: None)
         await transport.close()
+
+
+async def test_a_mistake_in_the_sink_ends_the_stream_in_words(camera: SimulatedThetaV, server: UsbIpServer) -> None:
+    gone: list[str] = []
+
+    def sink(_stamp_ns: int, _packets: list[Packet]) -> None:
+        raise KeyError("mistake")
+
+    transport = UsbIpTransport(server.host, server.port)
+    await transport.open(None, gone.append)
+    await transport.claim(2)
+    block = Probe(format_index=1, frame_index=2, interval_100ns=333_667).encode(48)
+    for control in (0x0100, 0x0200):
+        await transport.control(0x21, 0x01, control, 2, block)
+    await transport.set_interface(2, 1)
+    await transport.start_video(Endpoint(0x84, ISOCHRONOUS, 3072, 1), 3072, sink)
+    with Feeder(camera, PICTURES):
+        await until(lambda: bool(gone))
+    assert "mistake" in gone[0]
+    with pytest.raises(ThetaGone, match="mistake"):
+        await transport.control(0x80, 6, 0x0100, 0, 18)
+    await transport.close()
 
 
 @given(st.binary(min_size=48, max_size=48))
