@@ -10,11 +10,11 @@ import typer
 from rich.console import Console
 
 from ghal360_robot.config import load_config
-from ghal360_robot.telepresence.access import Role, load_tokens
+from ghal360_robot.telepresence.access import in_address, load_tokens
 from ghal360_robot.telepresence.settings import PageSettings
 
 
-def token(
+def addresses(
     config_path: Annotated[Path | None, typer.Option("--config", "-c", help="robot.toml; defaults without")] = None,
     new: Annotated[bool, typer.Option("--new", help="Make new tokens: whoever has an old one is locked out")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object on the last line of stdout")] = False,
@@ -32,16 +32,17 @@ def token(
     tokens = load_tokens(file)
     scheme = "https" if settings.tls else "http"
     hosts = settings.names or (settings.listen,)
-    addresses = {
-        role.value: [f"{scheme}://{host}:{settings.port}/#token={tokens[role]}" for host in hosts] for role in Role
+    urls = {
+        role.value: [f"{scheme}://{in_address(host)}:{settings.port}/#token={token}" for host in hosts]
+        for role, token in tokens.items()
     }
     if as_json:
-        print(json.dumps({"token_file": str(file), "needed": settings.need_token, "addresses": addresses}))
+        print(json.dumps({"token_file": str(file), "needed": settings.need_token, "addresses": urls}))
         return
     out = Console(highlight=False, soft_wrap=True)
-    for role, urls in addresses.items():
+    for role, each in urls.items():
         out.print(f"{role}:")
-        for url in urls:
+        for url in each:
             out.print(f"  {url}", markup=False)
     if not settings.need_token:
         out.print("on this machine no token is needed", markup=False)

@@ -105,11 +105,15 @@ class Sessions:
 
 def allowed_hosts(listen: str, port: int, names: Iterable[str]) -> frozenset[str]:
     """What a Host header may say, lower case with port; anything else is another site's name for this address."""
-    own = ("localhost", "127.0.0.1", "[::1]") if is_loopback(listen) else ()
-    written = f"[{listen}]" if ":" in listen else listen
+    own = ("localhost", "127.0.0.1", "::1") if is_loopback(listen) else ()
     unspecified = listen in {"0.0.0.0", "::"}  # noqa: S104 - compared with, not bound to
-    hosts = {*own, *names, *(() if unspecified else (written,))}
-    return frozenset(f"{host.lower()}:{port}" for host in hosts)
+    hosts = {*own, *names, *(() if unspecified else (listen,))}
+    return frozenset(f"{in_address(host).lower()}:{port}" for host in hosts)
+
+
+def in_address(host: str) -> str:
+    """A host as it stands in an address: IPv6 in brackets."""
+    return f"[{host}]" if ":" in host else host
 
 
 def host_allowed(host: str | None, allowed: frozenset[str], *, tls: bool) -> bool:

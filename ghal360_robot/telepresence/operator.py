@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from ghal360_robot.errors import GhalError
 from ghal360_robot.messages import Cue, HeadPose, Lease, Lock, OperatorInput, Received, Twist
 from ghal360_robot.telepresence import link
+from ghal360_robot.telepresence.access import in_address
 from ghal360_robot.telepresence.state import Watch, scan, state
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ class PageOperator:
         """Where the page is, as seen from this machine."""
         s = self.settings
         host = "127.0.0.1" if s.listen in {"0.0.0.0", "::"} else s.listen  # noqa: S104 - compared with, not bound to
-        return f"{'https' if s.tls else 'http'}://{f'[{host}]' if ':' in host else host}:{self.port}/"
+        return f"{'https' if s.tls else 'http'}://{in_address(host)}:{self.port}/"
 
     @property
     def pid(self) -> int | None:

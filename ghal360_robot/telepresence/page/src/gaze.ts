@@ -93,6 +93,11 @@ export class Gaze {
     this.held.delete(code);
   }
 
+  /** Whether the view has arrived where the keys sent it. */
+  get settled(): boolean {
+    return this.held.size === 0 && wrap(this.goalYaw - this.yaw) === 0 && this.goalPitch === this.pitch;
+  }
+
   /** One drawn frame later. */
   step(nowMs: number, elapsedMs: number): void {
     for (const [code, sinceMs] of this.held) {

@@ -96,6 +96,7 @@ class Page {
       pitch: this.gaze.pitch,
       fovV: this.gaze.fovV,
       fovH: this.gaze.fovH,
+      settled: this.gaze.settled,
       heading: this.drive.heading(),
       held: this.drive.held,
       stick: this.drive.stick,
