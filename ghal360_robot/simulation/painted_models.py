@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -82,6 +83,14 @@ def television(f: Frame, o: WorldObject, _rng: Generator) -> None:
 
 
 def potted_plant(f: Frame, o: WorldObject, rng: Generator) -> None:
+    def leaf(rng: Generator) -> Surface:
+        return paint("potted plant", float(rng.uniform(0.36, 0.70)), float(rng.uniform(0.74, 0.86)))
+
+    plant(f, o, rng, leaf, paint("potted plant", 0.30))
+
+
+def plant(f: Frame, o: WorldObject, rng: Generator, leaf: Callable[[Generator], Surface], stem: Surface) -> None:
+    """A pot with a stem and leaves that turn around it."""
     r, h = o.size[0] / 2, o.size[2]
     pot = Surface("plain", pick(rng, ((0.90, 0.90, 0.89), (0.34, 0.35, 0.36), (0.62, 0.60, 0.58))))
     tall = 0.34
@@ -92,12 +101,12 @@ def potted_plant(f: Frame, o: WorldObject, rng: Generator) -> None:
         lift = math.radians(float(rng.uniform(5, 50)) + 35 * up)
         length = (0.36 - 0.10 * up) * float(rng.uniform(0.8, 1.15))
         base = tall + (h - tall) * 0.78 * up
-        surface = paint("potted plant", float(rng.uniform(0.36, 0.70)), float(rng.uniform(0.74, 0.86)))
-        _leaf(f.at(0, 0, base, yaw=index * 2.399963), length, lift, surface)
-    f.tube(0, 0, tall - 0.03, [(0.022, 0.0), (0.012, (h - tall) * 0.8)], paint("potted plant", 0.30), sides=6)
+        surface = leaf(rng)
+        add_leaf(f.at(0, 0, base, yaw=index * 2.399963), length, lift, surface)
+    f.tube(0, 0, tall - 0.03, [(0.022, 0.0), (0.012, (h - tall) * 0.8)], stem, sides=6)
 
 
-def _leaf(f: Frame, length: float, lift: float, surface: Surface) -> None:
+def add_leaf(f: Frame, length: float, lift: float, surface: Surface) -> None:
     """A folded leaf that rises at `lift` and bends down, towards -y; seen from both sides."""
     spine = [(0.0, 0.0, 0.0)]
     bend = lift
@@ -121,8 +130,12 @@ def vase(f: Frame, o: WorldObject, _rng: Generator) -> None:
 
 
 def suitcase(f: Frame, o: WorldObject, _rng: Generator) -> None:
+    trolley(f, o, paint("suitcase", 0.85, 0.88), paint("suitcase", 0.55, 0.92))
+
+
+def trolley(f: Frame, o: WorldObject, shell: Surface, dark: Surface) -> None:
+    """A suitcase on wheels with its handle drawn out."""
     w, d, h = o.size
-    shell, dark = paint("suitcase", 0.85, 0.88), paint("suitcase", 0.55, 0.92)
     tall = h - 0.05
     f.blob(0, 0, 0.05, (w / 2, d / 2, tall / 2), shell, power=0.28)
     for x in (-0.3, -0.1, 0.1, 0.3):
@@ -136,5 +149,9 @@ def suitcase(f: Frame, o: WorldObject, _rng: Generator) -> None:
 
 
 def cushion(f: Frame, o: WorldObject, _rng: Generator) -> None:
+    pillow(f, o, paint("cushion", 0.86, 0.84))
+
+
+def pillow(f: Frame, o: WorldObject, cloth: Surface) -> None:
     w, d, h = o.size
-    f.at(pitch=0.22).blob(0, 0, 0, (w / 2, d / 2, h / 2), paint("cushion", 0.86, 0.84), power=0.62)
+    f.at(pitch=0.22).blob(0, 0, 0, (w / 2, d / 2, h / 2), cloth, power=0.62)

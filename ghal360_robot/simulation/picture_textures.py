@@ -142,6 +142,52 @@ def scenery(rng: Generator) -> Picture:
     return picture
 
 
+def watercolour(rng: Generator) -> Picture:
+    """Hills in thin washes of colour on a wide white mount."""
+    size = 128
+    v = np.linspace(0.0, 1.0, size)[:, None] * np.ones((1, size))
+    wash = filled((size, size), hsv(float(rng.choice((28, 45, 195))), 0.16, 0.97))
+    for base in (0.45, 0.60, 0.76):
+        ridge = base + 0.06 * noise(rng, (1, size), 1.4)
+        tone = hsv(
+            float(rng.choice((28, 80, 110, 165, 200))), float(rng.uniform(0.20, 0.38)), float(rng.uniform(0.68, 0.88))
+        )
+        blend(wash, 0.8 * (v > ridge).astype(float), tone)
+    return _mounted(wash, 30)
+
+
+def leaf_print(rng: Generator) -> Picture:
+    """A drawing of a twig with leaves on a wide white mount."""
+    size = 128
+    sheet = filled((size, size), (0.95, 0.93, 0.88))
+    ink = hsv(float(rng.uniform(85, 160)), 0.40, 0.52)
+    cv2.line(sheet, (64, 112), (64, 20), ink, 2, cv2.LINE_AA)
+    for index in range(6):
+        y, side = 100 - 14 * index, -1 if index % 2 else 1
+        cv2.ellipse(sheet, (64 + side * 17, y - 8), (17, 6), side * -28, 0, 360, ink, -1, cv2.LINE_AA)
+    return _mounted(sheet, 24)
+
+
+def poster(rng: Generator) -> Picture:
+    """Discs and bands in soft colours on a wide white mount."""
+    size = 128
+    sheet = filled((size, size), (0.94, 0.92, 0.88))
+    for _ in range(5):
+        colour = hsv(
+            float(rng.choice((12, 35, 48, 160, 195))), float(rng.uniform(0.25, 0.45)), float(rng.uniform(0.75, 0.95))
+        )
+        x, y = (int(part) for part in rng.integers(20, 108, 2))
+        cv2.circle(sheet, (x, y), int(rng.integers(12, 34)), colour, -1, cv2.LINE_AA)
+    return _mounted(sheet, 26)
+
+
+def _mounted(sheet: Picture, border: int) -> Picture:
+    size = sheet.shape[0]
+    picture = filled((size, size), (0.97, 0.965, 0.95))
+    picture[border:-border, border:-border] = np.clip(sheet, 0, 1)[border:-border, border:-border]
+    return picture
+
+
 def whiteboard(rng: Generator) -> Picture:
     height, width = 128, 256
     picture = filled((height, width), (0.96, 0.965, 0.97))
@@ -159,6 +205,20 @@ def whiteboard(rng: Generator) -> Picture:
         cv2.rectangle(picture, (spot[0] - 15, spot[1] - 8), (spot[0] + 15, spot[1] + 8), (0.97, 0.97, 0.97), -1)
         cv2.rectangle(picture, (spot[0] - 15, spot[1] - 8), (spot[0] + 15, spot[1] + 8), inks[index % 3], 2)
     return picture
+
+
+def pinboard(rng: Generator) -> Picture:
+    """Cork with notes pinned all over it."""
+    height, width = 128, 256
+    picture = tinted(0.92 + 0.07 * noise(rng, (height, width), 0.4), hsv(30, 0.42, 0.72))
+    for _ in range(17):
+        x, y = int(rng.integers(4, width - 34)), int(rng.integers(4, height - 34))
+        wide, tall = (int(part) for part in rng.integers(14, 32, 2))
+        paper = hsv(float(rng.choice((45, 90, 200, 340))), float(rng.choice((0.04, 0.05, 0.3))), 0.95)
+        cv2.rectangle(picture, (x, y), (x + wide, y + tall), paper, -1)
+        for row in range(y + 5, y + tall - 3, 5):
+            cv2.line(picture, (x + 3, row), (x + wide - 4, row), (0.5, 0.5, 0.52), 1)
+    return np.clip(picture, 0, 1)
 
 
 def desktop(rng: Generator) -> Picture:

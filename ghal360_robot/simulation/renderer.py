@@ -16,7 +16,7 @@ from ghal360_robot.simulation.panorama import ATLAS, FACES, CubeMap, face_fov_de
 from ghal360_robot.simulation.raycast import Shapes
 from ghal360_robot.simulation.rooms import CEILING_M, Room
 from ghal360_robot.simulation.textures import make_texture
-from ghal360_robot.simulation.things import add_shadow, add_thing
+from ghal360_robot.simulation.things import add_shadow, add_thing, look_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -54,7 +54,7 @@ class PanoramaRenderer:
         """
         _configure()
         self.world = world
-        self._painted = painted
+        self._look = look_of(world.target, painted=painted)
         self.width, self.height, self.face = width, height, face
         self._atlas = (round(ATLAS[0] * face), round(ATLAS[1] * face))
         self._textures: dict[str, Any] = {}
@@ -112,7 +112,7 @@ class PanoramaRenderer:
             for item in self.world.objects:
                 if self._room_of(item.x, item.y) is room:
                     frame = mesh.at(item.x, item.y, item.z, item.yaw)
-                    add_thing(frame, item, seed, room.name, painted=self._painted)
+                    add_thing(frame, item, seed, room.name, self._look)
                     if item.solid or item.name in SMALL_THINGS:
                         add_shadow(shadows.at(item.x, item.y, item.z, item.yaw), item)
             self._rooms[room.name] = self._attach(room.name, mesh, lights[room.name], room)

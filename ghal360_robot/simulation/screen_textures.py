@@ -1,4 +1,4 @@
-"""What is on natural screens: television programmes, laptop desktops, and the sheen of a dark one."""
+"""What is on natural screens: television programmes and laptop desktops."""
 
 from __future__ import annotations
 
@@ -173,14 +173,6 @@ def underwater(rng: Generator) -> Picture:
         cv2.fillConvexPoly(picture, tail, colour, cv2.LINE_AA)
     picture *= (1.0 + 0.10 * noise(rng, WIDE, 1.3))[..., None]
     return np.clip(picture, 0, 1)
-
-
-def dark(rng: Generator) -> Picture:
-    """A screen that is off: nearly black, with a pale sheen of the room."""
-    height, width = 128, 256
-    u, v = np.meshgrid(np.linspace(0, 1, width), np.linspace(0, 1, height))
-    sheen = np.clip(1 - np.abs(u + 0.5 * v - float(rng.uniform(0.4, 0.9))) / 0.18, 0, 1)
-    return np.asarray((0.045 + 0.05 * (1 - v) + 0.05 * sheen)[..., None] * np.array((0.95, 1.0, 1.08)))
 
 
 def letter(rng: Generator) -> Picture:

@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ghal360_robot.simulation import furniture_models, natural_models, painted_models, small_models
+from ghal360_robot.simulation import (
+    furniture_models,
+    natural_clutter,
+    natural_models,
+    painted_models,
+    small_models,
+)
 from ghal360_robot.simulation.meshes import Frame, Surface
 
 if TYPE_CHECKING:
@@ -73,19 +79,37 @@ NATURAL: dict[str, Builder] = {
     "laptop": natural_models.laptop,
     "bottle": natural_models.bottle,
     "television": natural_models.television,
+    "potted plant": natural_clutter.potted_plant,
+    "vase": natural_clutter.vase,
+    "suitcase": natural_clutter.suitcase,
+    "cushion": natural_clutter.cushion,
+    "picture": natural_clutter.picture,
 }
 """What looks like its kind in the field, for detectors that know real things, instead of wearing its class's paint."""
+
+LOOKALIKES: dict[str, dict[str, Builder]] = {
+    "television": {
+        "monitor": natural_clutter.desk_lamp,
+        "laptop": natural_clutter.shut_laptop,
+        "whiteboard": natural_clutter.pinboard,
+    },
+}
+"""What stands in a natural world for things that are the searched one to a detector: all screens are `tv` in COCO."""
 
 ALIKE = frozenset({"chair", "office chair", "desk", "bookshelf", "filing cabinet"})
 """Kinds that are bought as a set: all of a room look the same."""
 
 
-def add_thing(frame: Frame, item: WorldObject, seed: int, room: str, *, painted: bool) -> None:
-    """The model of one thing, natural or `painted`; other kinds than the `ALIKE` ones differ from place to place."""
+def add_thing(frame: Frame, item: WorldObject, seed: int, room: str, look: dict[str, Builder]) -> None:
+    """The model of one thing, by `look`; other kinds than the `ALIKE` ones differ from place to place."""
     own = (*room.encode(), *item.name.encode()) if item.name in ALIKE else (round(item.x * 100), round(item.y * 100))
     rng = np.random.default_rng([seed, *own])
-    builder = BUILDERS[item.name] if painted else NATURAL.get(item.name, BUILDERS[item.name])
-    builder(frame, item, rng)
+    look[item.name](frame, item, rng)
+
+
+def look_of(target: str, *, painted: bool) -> dict[str, Builder]:
+    """The models of a world in which `target` is searched for: natural ones, or painted ones."""
+    return BUILDERS if painted else BUILDERS | NATURAL | LOOKALIKES.get(target, {})
 
 
 def add_shadow(ground: Frame, item: WorldObject) -> None:
