@@ -19,7 +19,7 @@ from drivers.theta_v.codec.probe import Probe, negotiate
 from drivers.theta_v.codec.ptp import CaptureMode, Property
 from drivers.theta_v.device.config import Mode
 from drivers.theta_v.device.ptp_session import PtpSession
-from drivers.theta_v.errors import ThetaGone, ThetaMalformed, ThetaRefused, ThetaStall, ThetaTimeout
+from drivers.theta_v.errors import ThetaError, ThetaGone, ThetaMalformed, ThetaRefused, ThetaStall, ThetaTimeout
 from drivers.theta_v.transport.base import UsbTransport
 
 WAKE_S, WAKE_PAUSE_S = 5.0, 0.1  # from sleep to awake; a V takes about two seconds
@@ -75,7 +75,7 @@ async def rouse(transport: UsbTransport, still: StillFunction, *, keep_awake: bo
             version = (await session.device_info()).version
             await wake(session)
             await set_timers(session, keep_awake=keep_awake)
-    except (ThetaRefused, ThetaStall, TimeoutError, ThetaMalformed) as error:
+    except (ThetaError, TimeoutError) as error:  # if it is gone, the next request says so too
         log.info("the camera does not listen to PTP: %s", error or "it is busy")
     return version
 

@@ -27,6 +27,7 @@ from drivers.theta_v.transport.microframes import Pauses
 from drivers.theta_v.transport.opened import OpenedCamera
 
 PACKETS_PER_BATCH = 32  # 4 ms, as the USB/IP client
+EVENT_POLL_S = 0.02  # of what the camera says unasked, for which somebody waits all the time
 POLL_S = 0.002  # how often a waiting transfer and the cable are looked at
 MAX_BEHIND_NS = 1_000_000_000  # after a longer pause of the process the missed microframes are not made up
 
@@ -96,16 +97,10 @@ class AttachedTransport(OpenedCamera):
         self._open_port().write(endpoint, data)
 
     async def bulk_in(self, endpoint: int, length: int, timeout_s: float = BULK_S) -> bytes:
-        self.need_endpoint(endpoint)
-        deadline = time.monotonic() + timeout_s
-        while (data := self._open_port().read(endpoint, length)) is None:
-            if time.monotonic() > deadline:
-                raise ThetaTimeout(f"the camera did not answer on {endpoint:#04x} within {timeout_s:g} s")
-            await asyncio.sleep(POLL_S)
-        return data
+        return await self._read(endpoint, length, timeout_s, POLL_S)
 
     async def interrupt_in(self, endpoint: int, length: int, timeout_s: float = BULK_S) -> bytes:
-        return await self.bulk_in(endpoint, length, timeout_s)
+        return await self._read(endpoint, length, timeout_s, EVENT_POLL_S)
 
     async def set_interface(self, interface: int, alternate: int) -> None:
         self.need(interface)
@@ -147,6 +142,15 @@ class AttachedTransport(OpenedCamera):
         self._stop.set()
         if thread is not None:
             await asyncio.to_thread(thread.join)
+
+    async def _read(self, endpoint: int, length: int, timeout_s: float, poll_s: float) -> bytes:
+        self.need_endpoint(endpoint)
+        deadline = time.monotonic() + timeout_s
+        while (data := self._open_port().read(endpoint, length)) is None:
+            if time.monotonic() > deadline:
+                raise ThetaTimeout(f"the camera did not answer on {endpoint:#04x} within {timeout_s:g} s")
+            await asyncio.sleep(poll_s)
+        return data
 
     def _check(self, who: Identity, serial: str | None) -> None:
         if serial not in (None, who.serial):

@@ -396,6 +396,17 @@ async def test_the_sleep_timers_are_set_to_never_or_as_delivered(keep_awake: boo
     assert (properties[Property.SLEEP_DELAY_S].current, properties[Property.AUTO_POWER_OFF_S].current) == timers
 
 
+async def test_a_camera_whose_ptp_pipe_is_broken_streams_all_the_same() -> None:
+    class Broken(AttachedTransport):
+        async def bulk_in(self, endpoint: int, length: int, timeout_s: float = 3.0) -> bytes:
+            raise ThetaGone("USB error 1 during endpoint 0x81")
+
+    simulated = SimulatedThetaV()
+    with Feeder(simulated, PICTURES):
+        async with ThetaV(lambda: Broken(simulated), QUICK, once=True) as camera:
+            assert len(await take(camera, 3)) == 3
+
+
 async def test_a_camera_that_is_busy_for_ever_streams_without_being_watched(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ptp_session, "BUSY_S", 0.1)
     simulated = SimulatedThetaV()
