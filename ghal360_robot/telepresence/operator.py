@@ -34,7 +34,7 @@ RATE_HZ = 20.0
 START_S = 20.0
 """Python and its libraries take one second; ten times that, and as much again, on a busy small computer."""
 
-END_S = 3.0
+END_S = 5.0
 AGAIN_S = 1.0
 """Between the end of a process and the start of the next."""
 

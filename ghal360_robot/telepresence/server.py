@@ -53,7 +53,9 @@ UNSENT_BYTES = 64 << 10
 
 SEND_BYTES = 256 << 10
 
-CLOSE_S = 2.0
+CLOSE_S = 0.5
+GOODBYE_S = 0.5
+"""A page that does not answer a closing handshake is left."""
 
 CSP = (
     "default-src 'self'; img-src 'self' data: blob:; worker-src 'self' blob:; "
@@ -103,6 +105,7 @@ class PageServer:
         self._logins = Allowance(LOGIN_HZ, LOGIN_BURST)
         self._complaints = Allowance(1.0, 10.0)
         self._videos = 0
+        self._sockets: set[web.WebSocketResponse] = set()
         self._runner: web.AppRunner
 
     async def start(self) -> None:
@@ -129,6 +132,10 @@ class PageServer:
 
     async def close(self) -> None:
         """Close every page, then the server."""
+        goodbyes = [ws.close(code=WSCloseCode.GOING_AWAY, message=b"the robot ends") for ws in self._sockets]
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(GOODBYE_S):
+                await asyncio.gather(*goodbyes, return_exceptions=True)
         await self._runner.cleanup()
 
     async def beat(self) -> None:
@@ -232,6 +239,7 @@ class PageServer:
         await ws.prepare(request)
         _no_delay(request)
         connection = self.hub.join(role, request.remote or "?")
+        self._sockets.add(ws)
 
         async def send() -> None:
             while True:
@@ -253,6 +261,7 @@ class PageServer:
             await ws.close(code=WSCloseCode.POLICY_VIOLATION, message=str(error).encode()[:120])
         finally:
             self.hub.leave(connection)
+            self._sockets.discard(ws)
             sending.cancel()
         return ws
 
@@ -273,6 +282,7 @@ class PageServer:
             await ws.prepare(request)
             _no_delay(request)
             connection.video = viewer
+            self._sockets.add(ws)
 
             async def send() -> None:
                 with stream.watched_by(viewer.offer):
@@ -287,6 +297,7 @@ class PageServer:
                 sending.cancel()
         finally:
             self._videos -= 1
+            self._sockets.discard(ws)
             if connection.video is viewer:
                 connection.video = None
         return ws

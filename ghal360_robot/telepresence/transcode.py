@@ -30,6 +30,8 @@ MAX_WAITING = 30
 JPEG_WIDTH = 1920
 JPEG_QUALITY = 80
 KEY_EVERY_S = 1.0
+END_S = 0.5
+"""The thread dies with its process anyway."""
 
 logger = logging.getLogger(__name__)
 
@@ -63,7 +65,7 @@ class Transcoder:
         with self._ready:
             self._closed = True
             self._ready.notify()
-        self._thread.join(2.0)
+        self._thread.join(END_S)
 
     def offer(self, frame: Frame) -> None:
         """One access unit; never waits."""

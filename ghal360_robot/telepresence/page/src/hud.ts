@@ -129,7 +129,7 @@ export class Hud {
     draw("wanted", wanted, vMax, wMax);
     draw("applied", applied, vMax, wMax);
     write(this.speedText, `${applied.v.toFixed(2)} m/s ${turn(applied.w)}`);
-    write(this.reasonText, reasons(state));
+    write(this.reasonText, reasons(state, drive.right));
     write(this.arm, arm === "estop" ? "Reset" : "Arm");
     this.arm.disabled = !drive.mayDrive || arm === "armed";
     this.disarm.disabled = arm !== "armed";
@@ -141,8 +141,9 @@ export class Hud {
 const ZERO: Speed = { v: 0, w: 0 };
 
 /** Why the robot does not do more, or cannot be armed. */
-export function reasons(state: State | undefined): string {
+export function reasons(state: State | undefined, right?: Right): string {
   if (state === undefined) return "";
+  if (right !== undefined && right.driver === null) return "nobody is at the controls: press Drive";
   if (state.arm === "disarmed" && state.blockers.length > 0) return `cannot arm: ${state.blockers.join(", ")}`;
   return state.reasons.join(", ");
 }

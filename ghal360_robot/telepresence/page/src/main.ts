@@ -259,7 +259,7 @@ class Page {
     this.hud.command(this.state, this.drive, this.hello?.v_max ?? 1, this.hello?.w_max ?? 1);
     this.hud.say(this.banners());
     const state = this.state;
-    this.panel.draw(state?.cue ?? "none", this.trouble || (state?.arm ?? ""), reasons(state) || `${(state?.applied.v ?? 0).toFixed(2)} m/s`);
+    this.panel.draw(state?.cue ?? "none", this.trouble || (state?.arm ?? ""), reasons(state, this.drive.right) || `${(state?.applied.v ?? 0).toFixed(2)} m/s`);
   }
 
   private banners(): Banner[] {
