@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from ghal360_robot.bench import log as logging
 from ghal360_robot.bench import stop as stopping
 from ghal360_robot.bench import tick as ticking
 from ghal360_robot.errors import GhalError, UsageError
@@ -84,6 +85,34 @@ def tick(
         )
 
 
+@app.command()
+def log(
+    seconds: Annotated[float, typer.Option(help="Seconds to measure", min=5, max=3600)] = 60.0,
+    picture_hz: Annotated[float, typer.Option(help="Pictures a second", min=1, max=50)] = 30.0,
+    mbit_s: Annotated[float, typer.Option("--mbit-s", help="Rate of the video", min=0.1, max=200)] = 12.0,
+    live_port: Annotated[int, typer.Option(help="Serve a live view on this port as well", min=0, max=65535)] = 0,
+    as_json: AsJson = False,
+) -> None:
+    """What logging everything costs in time and bytes, beside a loop that only writes the bytes of the devices.
+
+    Example: ghal360 bench log --json
+    """
+    console = Console(stderr=True, highlight=False, quiet=as_json)
+    cost = logging.measure(
+        seconds, picture_hz=picture_hz, mbit_s=mbit_s, live_port=live_port, say=lambda words: console.print(words)
+    )
+    if as_json:
+        print(json.dumps({**cost.to_json(), "machine": stopping.machine()}))
+    else:
+        Console(highlight=False).print(_log_table(cost))
+    if not cost.passed:
+        raise GhalError(
+            f"logging takes {cost.cpu_percent:g} % of a core (allowed {logging.CPU_PERCENT:g}) and writes "
+            f"{cost.file_mb_per_min:g} MB/min (allowed {cost.allowed_mb_per_min:g}). "
+            "On a machine that is busy with something else, measure again"
+        )
+
+
 def _causes(names: list[str]) -> list[stopping.Cause]:
     known = {cause.name: cause for cause in stopping.CAUSES}
     for name in names:
@@ -146,6 +175,19 @@ def _remarks(results: list[stopping.Result]) -> Table:
         if result.trouble:
             said[result.trouble] = None
         table.add_row(result.cause.words, "\n".join(escape(remark) for remark in said) or "(nothing)")
+    return table
+
+
+def _log_table(cost: logging.LogCost) -> Table:
+    table = Table(box=None, padding=(0, 2))
+    for name in (f"{cost.picture_hz:g} pictures/s, {cost.mbit_s:g} Mbit/s", "logbook", "plain write", "allowed"):
+        table.add_column(name, justify="left" if not table.columns else "right")
+    table.add_row(
+        "share of a core", f"{cost.cpu_percent:.1f} %", f"{cost.floor_cpu_percent:.1f} %", f"{logging.CPU_PERCENT:g} %"
+    )
+    written = (cost.file_mb_per_min, cost.raw_mb_per_min, cost.allowed_mb_per_min)
+    table.add_row("written per minute", *(f"{mb:.1f} MB" for mb in written))
+    table.add_row("ticks late, p99", f"{cost.lateness_ms['p99']:.1f} ms", f"{cost.floor_lateness_ms['p99']:.1f} ms")
     return table
 
 
