@@ -16,7 +16,12 @@ from ghal360_robot.intent.steering import SteeringSettings
 from ghal360_robot.intent.trigger import TriggerSettings
 from ghal360_robot.logbook.disk import Watermarks
 from ghal360_robot.logbook.settings import LiveSettings, RecorderSettings
-from ghal360_robot.perception.wedges import SceneSettings
+from ghal360_robot.perception.detectors.base import DetectorOptions
+from ghal360_robot.perception.names import canonical
+from ghal360_robot.perception.panorama import CameraView
+from ghal360_robot.perception.sphere import SphereBox
+from ghal360_robot.perception.tiles import PLANS
+from ghal360_robot.perception.tracking import TrackSettings
 from ghal360_robot.safety.chain import Safety
 from ghal360_robot.safety.derating import BATTERY, LATENCY, RULES, TEMPERATURE, Rule
 from ghal360_robot.safety.footprint import Disc
@@ -45,6 +50,25 @@ def lidar_mount(config: RobotConfig) -> LidarMount:
 def camera_mount(config: RobotConfig) -> CameraMount:
     m = config.mounting
     return CameraMount(m.camera_x_m, m.camera_y_m, m.camera_z_m, math.radians(m.camera_yaw_deg))
+
+
+def camera_view(config: RobotConfig) -> CameraView:
+    m = config.mounting
+    yaw, pitch, roll = (math.radians(angle) for angle in (m.camera_yaw_deg, m.camera_pitch_deg, m.camera_roll_deg))
+    body = tuple(SphereBox(*(math.radians(angle) for angle in box)) for box in config.perception.body)
+    return CameraView(yaw, pitch, roll, body)
+
+
+def detector_options(config: RobotConfig) -> DetectorOptions:
+    p = config.perception
+    return DetectorOptions(
+        plan=p.plan,
+        min_score=p.score or None,
+        thresholds=p.scores,
+        threads=p.threads,
+        device=p.device,
+        precision=p.precision,
+    )
 
 
 def safety_limits(config: RobotConfig) -> SafetyLimits:
@@ -127,6 +151,21 @@ def make_safety(config: RobotConfig) -> Safety:
     return Safety(safety_limits(config))
 
 
+def track_settings(config: RobotConfig) -> TrackSettings:
+    """How sightings become objects; a detector that looks seldom or misses often needs a longer memory."""
+    p, camera = config.perception, camera_mount(config)
+    plan = PLANS[p.plan]
+    memory_s = p.memory_s * (len(plan.tiles) if plan.one_a_turn else 1)
+    return TrackSettings(
+        confirm=p.min_score,
+        release=p.min_score / 2,
+        confirm_class={canonical(name): value for name, value in p.believe.items()},
+        memory_s=memory_s,
+        fading_s=2 * memory_s,
+        camera=(camera.x, camera.y, camera.z),
+    )
+
+
 def make_brain(config: RobotConfig) -> Brain:
     safety = config.safety
     tight = safety.margin_m + TIGHT_M
@@ -135,9 +174,9 @@ def make_brain(config: RobotConfig) -> Brain:
     threshold = config.intent.threshold
     trigger = TriggerSettings(threshold, RELEASE if threshold >= RELEASE else None, STEADY_S)
     return Brain(
-        target=config.perception.target,
+        target=canonical(config.perception.target),
         policy=make_policy(config.guidance.policy),
-        scene=SceneSettings(min_score=config.perception.min_score),
+        scene=track_settings(config),
         intent=ExactFilter(trigger=trigger),
         drive=DriveSettings(v_max=safety.v_max, w_max=safety.w_max, steering=steering),
         drive_while_guiding=config.intent.drive_while_guiding,

@@ -17,7 +17,8 @@ from ghal360_robot.intent.controller import DriveSettings, DriveState, step_driv
 from ghal360_robot.intent.exact import ExactFilter, IntentState
 from ghal360_robot.intent.head_motion import HeadSettings, HeadState, step_head
 from ghal360_robot.messages import STILL, Cue, Decision, Twist
-from ghal360_robot.perception.wedges import Scene, SceneSettings, SceneState, scene, step_scene
+from ghal360_robot.perception.tracking import Standpoint, TrackSettings
+from ghal360_robot.perception.wedges import Scene, SceneState, scene, step_scene
 from ghal360_robot.trail import Trail
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ class Brain:
     target: str = ""
     """Class name of the object searched for; empty: no search, no cues."""
     policy: Policy = field(default_factory=make_policy)
-    scene: SceneSettings = SceneSettings()
+    scene: TrackSettings = TrackSettings()
     cueing: CueSettings = CueSettings()
     head: HeadSettings = HeadSettings()
     intent: ExactFilter = ExactFilter()
@@ -87,12 +88,17 @@ class Brain:
     def _look(self, state: BrainState, inputs: Inputs) -> tuple[BrainState, Scene]:
         """What is around, remembered in the world's directions."""
         found = inputs.detections
-        yaw_then = 0.0 if found is None else state.trail.at(found.stamp_ns).yaw
-        remembered = step_scene(self.scene, state.scene, found, yaw_then, inputs.stamp_ns)
+        around = inputs.surroundings
+        standpoint = Standpoint(
+            pose=state.trail.at(inputs.stamp_ns if found is None else found.stamp_ns),
+            surroundings=around,
+            scan_pose=None if around is None else state.trail.at(around.stamp_ns),
+        )
+        remembered = step_scene(self.scene, state.scene, found, standpoint, inputs.stamp_ns)
         state = replace(state, scene=remembered)
         if not self.target:
             return state, NO_SCENE
-        return state, scene(remembered, self.target, state.trail.at(inputs.stamp_ns).yaw)
+        return state, scene(self.scene, remembered, self.target, state.trail.at(inputs.stamp_ns))
 
     def _follow_head(self, state: BrainState, inputs: Inputs, gaze: float) -> BrainState:
         """Head motion to belief; only an armed robot has anything to infer an intention for."""

@@ -18,8 +18,18 @@ from ghal360_robot.errors import UsageError
 
 Metres = Annotated[float, Field(ge=-10, le=10, allow_inf_nan=False)]
 Degrees = Annotated[float, Field(ge=-360, le=360, allow_inf_nan=False)]
+SmallTilt = Annotated[float, Field(ge=-45, le=45, allow_inf_nan=False)]
 Seconds = Annotated[float, Field(gt=0, le=60, allow_inf_nan=False)]
 Port = Annotated[int, Field(ge=1, le=65535)]
+ClassName = Annotated[str, Field(min_length=1, max_length=64)]
+Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
+BodyBox = tuple[
+    Degrees,
+    Annotated[float, Field(ge=-90, le=90, allow_inf_nan=False)],
+    Annotated[float, Field(gt=0, le=360, allow_inf_nan=False)],
+    Annotated[float, Field(gt=0, le=180, allow_inf_nan=False)],
+]
+"""Yaw and pitch of its centre in the base frame, width and height, degrees."""
 
 
 class _Section(BaseModel):
@@ -91,6 +101,8 @@ class MountingSection(_Section):
     camera_y_m: Metres = 0.0
     camera_z_m: Metres = 1.20
     camera_yaw_deg: Degrees = Field(0.0, description="Where the picture's centre column looks in the base frame")
+    camera_pitch_deg: SmallTilt = Field(0.0, description="How far the camera leans forward (its zenith towards x)")
+    camera_roll_deg: SmallTilt = Field(0.0, description="How far the camera leans to the right (its zenith towards -y)")
 
 
 class ControlSection(_Section):
@@ -98,9 +110,32 @@ class ControlSection(_Section):
 
 
 class PerceptionSection(_Section):
-    detector: str = Field("none", description="none, or painted, which works on simulated pictures only")
-    rate_hz: float = Field(4.0, gt=0, le=30, description="Panoramas searched per second, at most")
-    min_score: float = Field(0.5, ge=0, le=1)
+    detector: str = Field("none", description="none, painted (simulated pictures only), or one of `detectors list`")
+    plan: Literal["default", "floor", "fine", "round-robin", "full"] = Field(
+        "default", description="How a network is given the panorama: see perception/tiles.py"
+    )
+    rate_hz: float = Field(
+        4.0, gt=0, le=30, description="Panoramas (with round-robin: tiles) searched a second, at most"
+    )
+    threads: int = Field(1, ge=0, le=64, description="Of a network on the CPU; 0 takes all")
+    device: Literal["auto", "cpu", "cuda"] = Field("auto", description="auto takes CUDA where there is some")
+    precision: Literal["auto", "float32", "bfloat16", "float16"] = Field("auto", description="auto: half on CUDA")
+    score: float = Field(0.0, ge=0, le=1, description="Least score a network reports; 0 takes the network's own")
+    scores: dict[ClassName, Share] = Field(
+        {"backpack": 0.15, "bottle": 0.2}, max_length=80, description="The same by class, for those hard to see"
+    )
+    min_score: float = Field(
+        0.5, ge=0, le=2, description="Scores of the last seconds, added up, from which an object is believed"
+    )
+    believe: dict[ClassName, Annotated[float, Field(ge=0, le=2)]] = Field(
+        {}, max_length=80, description="The same by class, for those often seen where there are none"
+    )
+    memory_s: Seconds = Field(2.0, description="How long an object in plain view is believed in that is not seen")
+    body: tuple[BodyBox, ...] = Field(
+        ((0.0, -75.0, 360.0, 30.0),),
+        max_length=16,
+        description="Where the robot sees itself: yaw, pitch, width and height in degrees; nothing is found there",
+    )
     target: str = Field("", description="Class name of the object searched for; empty: no search")
 
 

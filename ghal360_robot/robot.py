@@ -10,7 +10,6 @@ import asyncio
 import contextlib
 import gc
 import logging
-import math
 import sys
 import time
 from contextlib import AsyncExitStack
@@ -19,6 +18,8 @@ from typing import TYPE_CHECKING, Protocol
 from ghal360_robot import __version__
 from ghal360_robot.assembly import (
     camera_mount,
+    camera_view,
+    detector_options,
     lidar_mount,
     live_settings,
     make_brain,
@@ -88,7 +89,7 @@ class Robot:
         self.record_to = record_to
         self.audience = audience
         self.board: Board = make_board(config, operator.rate_hz if operator else 20.0)
-        self.detector = make_detector(config.perception.detector)
+        self.detector = make_detector(config.perception.detector, detector_options(config))
         self.recorder: Recorder
         self.loop: ControlLoop
         self.journal: Journal
@@ -143,7 +144,7 @@ class Robot:
             self.detector,
             self._detected,
             rate_hz=config.perception.rate_hz,
-            camera_yaw=math.radians(config.mounting.camera_yaw_deg),
+            view=camera_view(config),
         )
         decoder = PictureDecoder(self._decoded)
         stack.enter_context(worker)

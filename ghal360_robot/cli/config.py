@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from ghal360_robot.assembly import detector_options
 from ghal360_robot.config import RobotConfig, load_config
 from ghal360_robot.perception.detectors.base import make_detector
 
@@ -18,7 +19,7 @@ app = typer.Typer(help="Check, show and explain the robot's settings.", no_args_
 def check(path: Path) -> None:
     """Say whether a configuration file is valid; exit status 2 and one sentence if not."""
     config = load_config(path)
-    make_detector(config.perception.detector)
+    make_detector(config.perception.detector, detector_options(config))
     print(f"{path} is valid; sha256 {config.sha256()[:16]}")
 
 

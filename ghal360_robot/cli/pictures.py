@@ -11,11 +11,13 @@ import typer
 from ghal360_robot.errors import UsageError
 from ghal360_robot.guidance.cueing import CueSettings, CueState, step_cue
 from ghal360_robot.guidance.policy import make_policy
+from ghal360_robot.messages import Pose2
 from ghal360_robot.perception.detectors.base import make_detector
 from ghal360_robot.perception.overlay import Annotation, draw
-from ghal360_robot.perception.panorama import around_robot
+from ghal360_robot.perception.panorama import CameraView, around_robot
 from ghal360_robot.perception.sphere import PictureSize
-from ghal360_robot.perception.wedges import SceneSettings, SceneState, scene, step_scene
+from ghal360_robot.perception.tracking import Standpoint, TrackSettings
+from ghal360_robot.perception.wedges import SceneState, scene, step_scene
 from ghal360_robot.simulation.vantage import vantage_pose
 from ghal360_robot.simulation.world import CAMERA_HEIGHT_M, build_world
 
@@ -53,8 +55,9 @@ def _annotated(world_name: str, seed: int, target: str, aside: float) -> NDArray
     picture = PanoramaRenderer(world, painted=True).render(pose.x, pose.y, pose.yaw, CAMERA_HEIGHT_M)
     detector = make_detector("painted")
     size = PictureSize(picture.shape[1], picture.shape[0])
-    found = around_robot(detector.detect(picture), size, 0.0, stamp_ns=0, picture=0, detector=detector.name)
-    seen = scene(step_scene(SceneSettings(), SceneState(), found, 0.0, 0), target, 0.0)
+    found = around_robot(detector.detect(picture), size, CameraView(), stamp_ns=0, picture=0, detector=detector.name)
+    tracks, here = TrackSettings(), Pose2()
+    seen = scene(tracks, step_scene(tracks, SceneState(), found, Standpoint(here), 0), target, here)
     gaze = (seen.target_yaw or 0.0) + aside
     cue = step_cue(make_policy("plan"), CueSettings(), CueState(), seen.allocentric, gaze, 0)
     annotation = Annotation(found.objects, target, cue.wedges, gaze, cue=cue.cue)

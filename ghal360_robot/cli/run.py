@@ -10,7 +10,7 @@ import typer
 
 from ghal360_robot.cli.address import split_address
 from ghal360_robot.cli.optional_value import LIVE
-from ghal360_robot.cli.scenario import checked_scenario, with_target
+from ghal360_robot.cli.scenario import SIMULATED_DETECTOR, checked_scenario, with_target
 from ghal360_robot.cli.session import Session, print_json, run_session
 from ghal360_robot.cli.summary import print_summary
 from ghal360_robot.config import load_config, with_overrides
@@ -80,7 +80,7 @@ def run(
             cuts=cut or [],
             operator=operator is OperatorKind.VIRTUAL,
         )
-        detector = "none" if camera_images is not None else "painted"
+        detector = "none" if camera_images is not None else SIMULATED_DETECTOR
         if config.perception.detector == "none":
             config = with_overrides(config, {"perception": {"detector": detector}})
     config = with_target(config, target or (scenario.target if scenario and not camera_images else None))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from ghal360_robot.config import with_overrides
 from ghal360_robot.errors import UsageError
 from ghal360_robot.perception.detectors.base import make_detector
+from ghal360_robot.perception.names import canonical
 from ghal360_robot.simulation.link import Cut, Scenario
 from ghal360_robot.simulation.world import LAYOUTS, TARGETS
 
@@ -14,6 +15,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ghal360_robot.config import RobotConfig
+
+SIMULATED_DETECTOR = "painted"
+"""What searches the simulated world unless another detector is asked for."""
 
 
 def checked_scenario(
@@ -29,6 +33,7 @@ def checked_scenario(
     """A scenario of these words. Raises UsageError."""
     if world not in LAYOUTS:
         raise UsageError(f"there is no world '{world}': choose one of {', '.join(LAYOUTS)}")
+    target = canonical(target)
     if target not in TARGETS:
         raise UsageError(f"there is no '{target}' in the simulated worlds: choose one of {', '.join(TARGETS)}")
     for path, what in ((camera_images, "picture folder"), (lidar_replay, "lidar recording")):
@@ -51,7 +56,7 @@ def with_target(config: RobotConfig, target: str | None) -> RobotConfig:
     """The configuration with this target, if its detector knows the class. Raises UsageError."""
     if target is not None:
         config = with_overrides(config, {"perception": {"target": target}})
-    wanted, known = config.perception.target, make_detector(config.perception.detector).class_names
+    wanted, known = canonical(config.perception.target), make_detector(config.perception.detector).class_names
     if wanted and config.perception.detector != "none" and wanted not in known:
         raise UsageError(
             f"the detector '{config.perception.detector}' does not know '{wanted}': choose one of {', '.join(known)}"

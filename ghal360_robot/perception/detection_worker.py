@@ -7,7 +7,7 @@ import time
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from ghal360_robot.perception.panorama import around_robot
+from ghal360_robot.perception.panorama import UPRIGHT, CameraView, around_robot
 from ghal360_robot.perception.worker import Worker
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ class DetectionWorker(Worker):
         on_detections: Callable[[Detections], None],
         *,
         rate_hz: float,
-        camera_yaw: float = 0.0,
+        view: CameraView = UPRIGHT,
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         if rate_hz <= 0:
@@ -60,7 +60,7 @@ class DetectionWorker(Worker):
         self._detector = detector
         self._on_detections = on_detections
         self._period_ns = round(1e9 / rate_hz)
-        self._camera_yaw = camera_yaw
+        self._view = view
         self._clock_ns = clock_ns
         self._newest: Picture | None = None
         self._next_ns = 0
@@ -82,6 +82,7 @@ class DetectionWorker(Worker):
             return self._stats
 
     def _run(self) -> None:
+        self._warm_up()
         while (picture := self._next_picture()) is not None:
             self._search(picture)
 
@@ -97,6 +98,17 @@ class DetectionWorker(Worker):
                 self._changed.wait(wait_ns / 1e9 if self._newest is not None else None)
             return None
 
+    def _warm_up(self) -> None:
+        """A network's first run takes many times as long as all others: on this thread, before the first picture."""
+        begin_ns = self._clock_ns()
+        try:
+            self._detector.warm_up()
+        except Exception as error:  # noqa: BLE001 - logged and counted below
+            # As in searching: what fails here fails at the first picture again, and the robot drives without.
+            self._failed(error)
+        else:
+            log.info("The detector %r is ready after %.1f s.", self._detector.name, (self._clock_ns() - begin_ns) / 1e9)
+
     def _search(self, picture: Picture) -> None:
         begin_ns = self._clock_ns()
         try:
@@ -104,7 +116,7 @@ class DetectionWorker(Worker):
             detections = around_robot(
                 found,
                 picture.size,
-                self._camera_yaw,
+                self._view,
                 stamp_ns=picture.stamp_ns,
                 picture=picture.number,
                 detector=self._detector.name,

@@ -12,7 +12,7 @@ Every function takes scalars or arrays of any shape that broadcast.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import pi, tau
+from math import cos, pi, sin, tau
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -134,3 +134,73 @@ def parts_of_box(box: PixelBox, size: PictureSize) -> tuple[PixelBox, ...]:
         PixelBox(left, box.top, size.width - left, box.height),
         PixelBox(0.0, box.top, beyond, box.height),
     )
+
+
+def camera_rotation(yaw: float, pitch: float = 0.0, roll: float = 0.0) -> Floats:
+    """(3, 3) turns directions of the camera into those of the base: rolled about x, pitched about y, turned about z.
+
+    Positive pitch leans the camera's zenith towards x, positive roll towards -y (REP-103).
+    """
+    cy, sy, cp, sp, cr, sr = cos(yaw), sin(yaw), cos(pitch), sin(pitch), cos(roll), sin(roll)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def turned_box(box: SphereBox, rotation: Floats) -> SphereBox:
+    """The smallest box of the turned frame around everything in a box; the whole circle where it holds a pole."""
+    border = _border(box) @ rotation.T
+    yaw, pitch = direction_of_vector(border)
+    middle_yaw, _ = direction_of_vector(rotation @ unit_vector(box.yaw, box.pitch))
+    aside = wrap_angle(yaw - middle_yaw)
+    low, high = _least(pitch), -_least(-pitch)
+    pole = _pole_inside(box, rotation)
+    if pole:
+        bottom, top = (low, pi / 2) if pole > 0 else (-pi / 2, high)
+        return SphereBox(float(middle_yaw), (bottom + top) / 2, tau, top - bottom)
+    right, left = _least(aside), -_least(-aside)
+    centre = float(wrap_angle(middle_yaw + (left + right) / 2))
+    return SphereBox(centre, (low + high) / 2, left - right, high - low)
+
+
+BORDER_STEPS = 64
+"""Points on each side of a box's border; the parabola through three of them is exact to 1e-7 rad between them."""
+
+
+def _border(box: SphereBox) -> Floats:
+    """(4, steps + 1, 3) points on the four sides: top, bottom, left, right."""
+    along = np.linspace(-0.5, 0.5, BORDER_STEPS + 1)
+    across, up = box.yaw + along * box.width, box.pitch + along * box.height
+    sides = (
+        (across, np.full_like(along, box.pitch + box.height / 2)),
+        (across, np.full_like(along, box.pitch - box.height / 2)),
+        (np.full_like(along, box.yaw + box.width / 2), up),
+        (np.full_like(along, box.yaw - box.width / 2), up),
+    )
+    return np.stack([unit_vector(yaw, pitch) for yaw, pitch in sides])
+
+
+def _least(values: Floats) -> float:
+    """The least of smooth values (sides, points), looked for between the points as well."""
+    side, at = np.unravel_index(int(values.argmin()), values.shape)
+    least = float(values[side, at])
+    if 0 < at < values.shape[1] - 1:
+        before, after = float(values[side, at - 1]), float(values[side, at + 1])
+        bend = before - 2 * least + after
+        if bend > 0:
+            least -= (before - after) ** 2 / (8 * bend)
+    return least
+
+
+def _pole_inside(box: SphereBox, rotation: Floats) -> int:
+    """1 or -1 where the turned frame's zenith or nadir lies in the box, else 0."""
+    for sign in (1, -1):
+        yaw, pitch = direction_of_vector(rotation.T @ np.array((0.0, 0.0, float(sign))))
+        aside = abs(float(wrap_angle(yaw - box.yaw)))
+        if abs(float(pitch) - box.pitch) <= box.height / 2 and (aside <= box.width / 2 or box.width >= tau):
+            return sign
+    return 0

@@ -12,6 +12,7 @@ import pytest
 from ghal360_robot.perception.decode import Picture
 from ghal360_robot.perception.detection_worker import DetectionWorker
 from ghal360_robot.perception.detectors.base import PixelDetection
+from ghal360_robot.perception.panorama import CameraView
 from ghal360_robot.perception.sphere import PixelBox
 
 if TYPE_CHECKING:
@@ -38,6 +39,9 @@ class Scripted:
         self._act = act
         self.calls = 0
 
+    def warm_up(self) -> None:
+        self.warmed = True
+
     def detect(self, rgb: np.ndarray) -> list[PixelDetection]:
         self.calls += 1
         self._act(self.calls)
@@ -62,7 +66,7 @@ class Inbox:
 
 def test_detections_carry_the_picture_s_stamp_and_the_camera_s_mounting() -> None:
     inbox = Inbox()
-    with DetectionWorker(Scripted(), inbox, rate_hz=FAST_HZ, camera_yaw=0.5) as worker:
+    with DetectionWorker(Scripted(), inbox, rate_hz=FAST_HZ, view=CameraView(0.5)) as worker:
         worker.offer(picture(3))
         (message,) = inbox.wait(1)
     assert (message.stamp_ns, message.picture, message.detector) == (1003, 3, "scripted")

@@ -10,11 +10,12 @@ from hypothesis import strategies as st
 
 from ghal360_robot.angles import wrap
 from ghal360_robot.guidance.egocentric import BOTH, CLUTTER, TARGET, wedge_of
-from ghal360_robot.messages import Detection, Detections
+from ghal360_robot.messages import Detection, Detections, Pose2
 from ghal360_robot.perception.sphere import angular_distance
-from ghal360_robot.perception.wedges import SceneSettings, SceneState, scene, step_scene
+from ghal360_robot.perception.tracking import Standpoint, TrackSettings
+from ghal360_robot.perception.wedges import Scene, SceneState, scene, step_scene
 
-SETTINGS = SceneSettings()
+SETTINGS = TrackSettings()
 MS = 1_000_000
 
 
@@ -24,44 +25,52 @@ def seen(stamp_ms: int, *objects: tuple[str, float, float]) -> Detections:
     return Detections(stamp_ms * MS, 0, "test", found)
 
 
+def step(state: SceneState, detections: Detections | None, base_yaw: float, now_ns: int) -> SceneState:
+    return step_scene(SETTINGS, state, detections, Standpoint(Pose2(yaw=base_yaw)), now_ns)
+
+
 def look(*objects: tuple[str, float, float], base_yaw: float = 0.0) -> SceneState:
-    return step_scene(SETTINGS, SceneState(), seen(0, *objects), base_yaw, 0)
+    return step(SceneState(), seen(0, *objects), base_yaw, 0)
+
+
+def view_of(state: SceneState, target: str, base_yaw: float) -> Scene:
+    return scene(SETTINGS, state, target, Pose2(yaw=base_yaw))
 
 
 def test_wedges_are_clockwise_from_the_odometry_s_x() -> None:
-    state = look(("bag", 0, 0.9), ("vase", 90, 0.9), ("vase", -45, 0.9))
-    view = scene(state, "bag", 0.0)
+    state = look(("bin", 0, 0.9), ("vase", 90, 0.9), ("vase", -45, 0.9))
+    view = view_of(state, "bin", 0.0)
     assert view.allocentric == (TARGET, CLUTTER, 0, 0, 0, 0, CLUTTER, 0)
     assert view.target_yaw == pytest.approx(0.0)
 
 
 def test_egocentric_wedges_start_at_the_gaze_and_run_to_its_right() -> None:
-    state = look(("bag", 90, 0.9), ("vase", 45, 0.9))
-    view = scene(state, "bag", 0.0)
+    state = look(("bin", 90, 0.9), ("vase", 45, 0.9))
+    view = view_of(state, "bin", 0.0)
     assert view.egocentric(radians(90)) == (TARGET, CLUTTER, 0, 0, 0, 0, 0, 0)
     assert view.egocentric(0.0) == (0, 0, 0, 0, 0, 0, TARGET, CLUTTER)
 
 
 def test_a_target_among_clutter_is_both() -> None:
-    assert scene(look(("bag", 3, 0.9), ("vase", -3, 0.9)), "bag", 0.0).allocentric[0] == BOTH
+    assert view_of(look(("bin", 3, 0.9), ("vase", -3, 0.9)), "bin", 0.0).allocentric[0] == BOTH
 
 
 def test_there_is_one_target_wedge_that_of_the_best_box() -> None:
-    view = scene(look(("bag", 0, 0.6), ("bag", 180, 0.95), ("bag", 90, 0.7)), "bag", 0.0)
+    view = view_of(look(("bin", 0, 0.6), ("bin", 180, 0.95), ("bin", 90, 0.7)), "bin", 0.0)
     assert view.allocentric == (0, 0, 0, 0, TARGET, 0, 0, 0)
     assert view.target_score == 0.95
 
 
 def test_weak_detections_are_not_there() -> None:
-    view = scene(look(("bag", 0, 0.49), ("vase", 90, 0.2)), "bag", 0.0)
+    view = view_of(look(("bin", 0, 0.49), ("vase", 90, 0.2)), "bin", 0.0)
     assert view.allocentric == (0,) * 8
     assert view.target_yaw is None
 
 
 def test_turning_the_base_moves_the_target_in_the_base_frame_and_not_in_the_world() -> None:
-    state = look(("bag", 30, 0.9), base_yaw=radians(60))
-    before = scene(state, "bag", radians(60))
-    after = scene(state, "bag", radians(100))
+    state = look(("bin", 30, 0.9), base_yaw=radians(60))
+    before = view_of(state, "bin", radians(60))
+    after = view_of(state, "bin", radians(100))
     assert before.allocentric == after.allocentric
     assert before.target_yaw == pytest.approx(radians(30))
     assert after.target_yaw == pytest.approx(radians(-10))
@@ -71,55 +80,56 @@ def test_an_object_seen_while_turning_does_not_smear() -> None:
     state = SceneState()
     for i in range(8):
         base_yaw = radians(12 * i)
-        state = step_scene(SETTINGS, state, seen(100 * i, ("bag", 20 - 12 * i, 0.9)), base_yaw, 100 * i * MS)
+        state = step(state, seen(100 * i, ("bin", 20 - 12 * i, 0.9)), base_yaw, 100 * i * MS)
     assert len(state.objects) == 1
-    assert scene(state, "bag", 0.0).target_yaw == pytest.approx(radians(20))
+    assert view_of(state, "bin", 0.0).target_yaw == pytest.approx(radians(20))
 
 
 def test_an_object_missed_for_a_moment_is_still_there_and_after_a_second_gone() -> None:
-    state = look(("bag", 0, 0.9))
-    state = step_scene(SETTINGS, state, seen(500), 0.0, 500 * MS)
-    assert scene(state, "bag", 0.0).target_yaw is not None
-    state = step_scene(SETTINGS, state, None, 0.0, 1000 * MS)
-    assert scene(state, "bag", 0.0).target_yaw is not None
-    state = step_scene(SETTINGS, state, None, 0.0, 1001 * MS)
-    assert scene(state, "bag", 0.0).target_yaw is None
+    state = look(("bin", 0, 0.9))
+    state = step(state, seen(500), 0.0, 500 * MS)
+    assert view_of(state, "bin", 0.0).target_yaw is not None
+    state = step(state, None, 0.0, 1000 * MS)
+    assert view_of(state, "bin", 0.0).target_yaw is not None
+    state = step(state, None, 0.0, 1001 * MS)
+    assert view_of(state, "bin", 0.0).target_yaw is None
 
 
 def test_a_new_sighting_replaces_the_old_one_of_the_same_object() -> None:
-    state = look(("bag", 0, 0.9), ("vase", 4, 0.9))
-    state = step_scene(SETTINGS, state, seen(250, ("bag", 10, 0.6)), 0.0, 250 * MS)
-    assert [(item.name, item.score) for item in state.objects] == [("bag", 0.6), ("vase", 0.9)]
+    state = look(("bin", 0, 0.9), ("vase", 4, 0.9))
+    state = step(state, seen(250, ("bin", 10, 0.6)), 0.0, 250 * MS)
+    assert [(item.name, item.score) for item in state.objects] == [("bin", 0.6), ("vase", 0.9)]
 
 
 def test_the_last_sighting_of_a_target_wins_over_a_better_but_older_one() -> None:
-    state = look(("bag", 180, 0.95))
-    state = step_scene(SETTINGS, state, seen(250, ("bag", 90, 0.6)), 0.0, 250 * MS)
-    assert scene(state, "bag", 0.0).target_yaw == pytest.approx(pi / 2)
+    state = look(("bin", 180, 0.95))
+    state = step(state, seen(250, ("bin", 90, 0.6)), 0.0, 250 * MS)
+    assert view_of(state, "bin", 0.0).target_yaw == pytest.approx(pi / 2)
 
 
 def test_the_same_or_older_detections_are_taken_in_only_once() -> None:
-    state = look(("bag", 0, 0.9))
-    again = step_scene(SETTINGS, state, seen(0, ("bag", 0, 0.9)), radians(90), 10 * MS)
-    assert again == state
+    state = look(("bin", 0, 0.9))
+    again = step(state, seen(0, ("bin", 0, 0.9)), radians(90), 10 * MS)
+    assert [(item.world_yaw, item.sightings) for item in again.objects] == [(0.0, 1)]
+    assert again.objects[0].evidence < state.objects[0].evidence
 
 
 @given(
-    st.lists(st.tuples(st.sampled_from(("bag", "vase", "plant")), st.floats(-180, 180), st.floats(0, 1)), max_size=30),
+    st.lists(st.tuples(st.sampled_from(("bin", "vase", "plant")), st.floats(-180, 180), st.floats(0, 1)), max_size=30),
     st.floats(-10, 10),
     st.floats(-10, 10),
 )
 def test_any_detections_give_eight_values_and_at_most_one_target(
     objects: list[tuple[str, float, float]], base_yaw: float, later_yaw: float
 ) -> None:
-    view = scene(look(*objects, base_yaw=base_yaw), "bag", later_yaw)
+    view = view_of(look(*objects, base_yaw=base_yaw), "bin", later_yaw)
     assert len(view.allocentric) == 8
     assert all(0 <= value <= BOTH for value in view.allocentric)
     targets = [wedge for wedge, value in enumerate(view.allocentric) if value & TARGET]
     assert (
         len(targets)
         == (view.target_yaw is not None)
-        == any(name == "bag" and score >= 0.5 for name, _, score in objects)
+        == any(name == "bin" and score >= 0.5 for name, _, score in objects)
     )
     if view.target_yaw is not None:
         world = wrap(view.target_yaw + later_yaw)
@@ -129,7 +139,7 @@ def test_any_detections_give_eight_values_and_at_most_one_target(
 
 @given(st.floats(-180, 180), st.floats(-20, 20))
 def test_the_target_s_direction_survives_any_base_yaw(yaw_deg: float, base_yaw: float) -> None:
-    view = scene(look(("bag", yaw_deg, 0.9), base_yaw=base_yaw), "bag", base_yaw)
+    view = view_of(look(("bin", yaw_deg, 0.9), base_yaw=base_yaw), "bin", base_yaw)
     assert view.target_yaw is not None
     assert angular_distance(view.target_yaw, 0, radians(yaw_deg), 0) < 1e-6
 

@@ -16,7 +16,8 @@ from ghal360_robot.intent.controller import DriveSettings, DriveState, step_driv
 from ghal360_robot.intent.exact import ExactFilter, IntentState
 from ghal360_robot.intent.head_motion import HeadSettings, HeadState, step_head
 from ghal360_robot.messages import Cue, Detection, Detections, Pose2, Twist
-from ghal360_robot.perception.wedges import SceneSettings, SceneState, scene, step_scene
+from ghal360_robot.perception.tracking import Standpoint, TrackSettings
+from ghal360_robot.perception.wedges import SceneState, scene, step_scene
 from ghal360_robot.simulation.eyes import Eyes, Sight
 from ghal360_robot.simulation.virtual_operator import Temper, start, step
 from ghal360_robot.simulation.world import CAMERA_HEIGHT_M, ROBOT_RADIUS_M, Role, World, build_world
@@ -97,8 +98,8 @@ def search(world: World, seed: int) -> Search:
                 assert view.target_yaw is not None
                 break
             path.append((pose.x, pose.y))
-        seen = step_scene(SceneSettings(), seen, detections, pose.yaw, now_ns)
-        allocentric = scene(seen, world.target, pose.yaw).allocentric
+        seen = step_scene(TrackSettings(), seen, detections, Standpoint(pose), now_ns)
+        allocentric = scene(TrackSettings(), seen, world.target, pose).allocentric
         cue = step_cue(RulePolicy(), CueSettings(seed=seed), cue, allocentric, head_yaw + pose.yaw, now_ns)
         if tick % 2 == 0:
             drive = step_drive(

@@ -35,6 +35,10 @@ class Detector(Protocol):
         """Every name that `detect` can return."""
         ...
 
+    def warm_up(self) -> None:
+        """Do at once what only the first search has to do; called on the thread that searches."""
+        ...
+
     def detect(self, rgb: NDArray[np.uint8]) -> list[PixelDetection]:
         """Objects in a picture (height, width, 3). Boxes may cross the seam (see `sphere.PixelBox`)."""
         ...

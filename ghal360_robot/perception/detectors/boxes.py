@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
 
-    Picture = NDArray[np.uint8]
     Floats = NDArray[np.float32]
 
 
@@ -24,33 +21,6 @@ class Boxes(NamedTuple):
     """(n,) 0..1."""
     kind: NDArray[np.intp]
     """(n,) index into the network's `class_names`."""
-
-
-class Network(Protocol):
-    """A detector for ordinary pictures; used by one thread at a time."""
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def class_names(self) -> tuple[str, ...]: ...
-
-    @property
-    def side(self) -> int:
-        """Pixels of its square input: tiles larger than this are scaled down."""
-        ...
-
-    @property
-    def default_score(self) -> float:
-        """The score at which it was found to do best (F1 on COCO photographs)."""
-        ...
-
-    def detect(self, pictures: Sequence[Picture], min_score: float) -> list[Boxes]:
-        """Objects in each RGB picture (height, width, 3) uint8, all pictures in one batch."""
-        ...
-
-
-NOTHING = Boxes(np.zeros((0, 4), np.float32), np.zeros(0, np.float32), np.zeros(0, np.intp))
 
 
 def overlap(a: Floats, b: Floats) -> Floats:

@@ -14,16 +14,18 @@ from ghal360_robot.perception.detectors.boxes import Boxes, suppress
 from ghal360_robot.perception.detectors.centernet_module import CELL_PX, CenterNetModule
 from ghal360_robot.perception.detectors.coco import CLASSES
 from ghal360_robot.perception.detectors.compute import Compute, Engine, rows_last
-from ghal360_robot.perception.detectors.letterbox import letterbox
+from ghal360_robot.perception.detectors.letterbox import Placing, letterbox
+from ghal360_robot.perception.detectors.network import SquareNetwork
 from ghal360_robot.perception.detectors.tfjs import read_weights
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator
 
     from numpy.typing import NDArray
 
     from ghal360_robot.perception.detectors.base import DetectorOptions
-    from ghal360_robot.perception.detectors.store import Entry
+    from ghal360_robot.perception.detectors.network import Outputs
+    from ghal360_robot.perception.detectors.store import Entry, Proposed
 
     Picture = NDArray[np.uint8]
     Floats = NDArray[np.float32]
@@ -36,7 +38,7 @@ SAME = 0.6
 """Overlap above which two boxes of one class are one object."""
 
 
-class CenterNet:
+class CenterNet(SquareNetwork):
     """The network; `detect` takes pictures of any size."""
 
     name = "centernet"
@@ -48,15 +50,15 @@ class CenterNet:
         self.side = side
         self._engine = Engine(CenterNetModule(read_weights(model_json, weights_bin)), compute)
 
-    def detect(self, pictures: Sequence[Picture], min_score: float) -> list[Boxes]:
-        canvas = np.zeros((len(pictures), self.side, self.side, 3), np.uint8)
-        placings = [letterbox(picture, square) for picture, square in zip(pictures, canvas, strict=True)]
-        found = (
-            decode(logit, reach, min_score)
-            for logits, reaches in self._engine(canvas)
-            for logit, reach in zip(rows_last(logits), rows_last(reaches), strict=True)
-        )
-        return [Boxes(place.back(box.xyxy), box.score, box.kind) for place, box in zip(placings, found, strict=True)]
+    def place(self, picture: Picture, square: Picture) -> Placing:
+        return letterbox(picture, square)
+
+    def run(self, batch: Picture) -> Iterator[Outputs]:
+        for logits, reaches in self._engine(batch):
+            yield from zip(rows_last(logits), rows_last(reaches), strict=True)
+
+    def decode(self, outputs: Outputs, min_score: float) -> Boxes:
+        return decode(outputs[0], outputs[1], min_score)
 
 
 def decode(logits: Floats, reaches: Floats, min_score: float) -> Boxes:
@@ -82,6 +84,6 @@ def decode(logits: Floats, reaches: Floats, min_score: float) -> Boxes:
     return suppress(Boxes(box, 1 / (1 + np.exp(-value)), kind), SAME, LIMIT)
 
 
-def load(entry: Entry, options: DetectorOptions) -> CenterNet:
+def load(entry: Entry | Proposed, options: DetectorOptions) -> CenterNet:
     """The network with the weights that were added. Raises WeightsError."""
     return CenterNet(entry.read("json"), entry.read("bin"), Compute.of(options))

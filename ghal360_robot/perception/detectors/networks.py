@@ -10,26 +10,35 @@ from ghal360_robot.perception.detectors import store
 from ghal360_robot.perception.detectors.base import CENTERNET, DETECTORS, DetectorOptions
 from ghal360_robot.perception.detectors.errors import WeightsError
 from ghal360_robot.perception.detectors.panoramic import PanoramaDetector
-from ghal360_robot.perception.tiles import PLANS
+from ghal360_robot.perception.tiles import PLANS, TilePlan
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from ghal360_robot.perception.detectors.boxes import Network
+    from ghal360_robot.perception.detectors.network import Network
+    from ghal360_robot.perception.detectors.store import Entry, Proposed
 
 
 KINDS = {
     "centernet": "ghal360_robot.perception.detectors.centernet",
+    "darknet": "ghal360_robot.perception.detectors.darknet",
+    "onnx": "ghal360_robot.perception.detectors.onnx",
 }
 """Where each kind of network is; the module's `load(entry, options)` makes it."""
 
 
 def make(name: str, options: DetectorOptions, folder: Path | None = None) -> PanoramaDetector:
     """A detector of panoramas with this network. Raises UsageError or WeightsError."""
+    plan = plan_of(options)
+    network = make_network(name, options, folder)
+    return PanoramaDetector(network, plan, min_score=options.min_score, thresholds=options.thresholds)
+
+
+def plan_of(options: DetectorOptions) -> TilePlan:
+    """Raises UsageError where there is no such plan."""
     if options.plan not in PLANS:
         raise UsageError(f"There is no tile plan {options.plan!r}; choose one of {', '.join(PLANS)}.")
-    network = make_network(name, options, folder)
-    return PanoramaDetector(network, PLANS[options.plan], min_score=options.min_score, thresholds=options.thresholds)
+    return PLANS[options.plan]
 
 
 def make_network(name: str, options: DetectorOptions, folder: Path | None = None) -> Network:
@@ -43,7 +52,14 @@ def make_network(name: str, options: DetectorOptions, folder: Path | None = None
     if found is None:
         known = ", ".join(dict.fromkeys((*DETECTORS, CENTERNET, *store.entries(folder))))
         raise UsageError(f"There is no detector {name!r}; choose one of {known}.")
-    if found.kind not in KINDS:
-        raise WeightsError(f"The detector '{name}' is of the unknown kind '{found.kind}': {store.again(name)}")
+    return load_network(found, options)
+
+
+def load_network(entry: Entry | Proposed, options: DetectorOptions) -> Network:
+    """The network of these files. Raises DetectorError, WeightsError."""
+    if entry.kind not in KINDS:
+        raise WeightsError(
+            f"The detector '{entry.name}' is of the unknown kind '{entry.kind}': {store.again(entry.name)}"
+        )
     # Imported when needed: onnxruntime is an extra, and torch is seconds of start for those who do without.
-    return import_module(KINDS[found.kind]).load(found, options)  # type: ignore[no-any-return]
+    return import_module(KINDS[entry.kind]).load(entry, options)  # type: ignore[no-any-return]

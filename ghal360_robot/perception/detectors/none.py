@@ -17,5 +17,8 @@ class NoDetector:
     name = "none"
     class_names: tuple[str, ...] = ()
 
+    def warm_up(self) -> None:
+        """Nothing to prepare."""
+
     def detect(self, rgb: NDArray[np.uint8]) -> list[PixelDetection]:
         return []

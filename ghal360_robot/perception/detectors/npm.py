@@ -42,9 +42,9 @@ def add_centernet(source: Path | None = None, folder: Path | None = None) -> Ent
     if source is None:
         contents = from_package(_packed())
     elif source.is_dir():
-        contents = {role: _read(source / name) for role, (name, _) in FILES.items()}
+        contents = {role: read_file(source / name) for role, (name, _) in FILES.items()}
     else:
-        contents = from_package(_read(source))
+        contents = from_package(read_file(source))
     for role, (name, expected) in FILES.items():
         if hashlib.sha256(contents[role]).hexdigest() != expected:
             raise WeightsError(f"{name} is not the file it should be (its SHA-256 differs): nothing was added.")
@@ -82,12 +82,13 @@ def _packed(which: Callable[[str], str | None] = shutil.which) -> bytes:
                 timeout=NPM_TIMEOUT_S,
                 cwd=folder,
             )
-            return _read(next(Path(folder).glob("*.tgz")))
+            return read_file(next(Path(folder).glob("*.tgz")))
         except (subprocess.SubprocessError, OSError, StopIteration) as error:
             raise WeightsError(f"npm could not fetch {PACKAGE} (no network?): try again, or {ELSEWHERE}.") from error
 
 
-def _read(path: Path) -> bytes:
+def read_file(path: Path) -> bytes:
+    """Raises WeightsError."""
     try:
         if path.stat().st_size > MAX_FILE_BYTES:
             raise WeightsError(f"{path} is larger than {MAX_FILE_BYTES >> 30} GiB: that is no detector's.")

@@ -50,6 +50,9 @@ class PaintedDetector:
         self._class_of_hue = _class_of_hue()
         self._closing = np.ones((CLOSING_PX, CLOSING_PX), np.uint8)
 
+    def warm_up(self) -> None:
+        """Nothing to prepare."""
+
     def detect(self, rgb: NDArray[np.uint8]) -> list[PixelDetection]:
         """Painted objects, best score first. Raises ValueError unless `rgb` is (height, width, 3) uint8."""
         if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != np.uint8 or not rgb.size:

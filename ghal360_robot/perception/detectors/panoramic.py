@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from ghal360_robot.perception.detectors.boxes import Boxes, Network
+    from ghal360_robot.perception.detectors.boxes import Boxes
+    from ghal360_robot.perception.detectors.network import Network
 
     Picture = NDArray[np.uint8]
 

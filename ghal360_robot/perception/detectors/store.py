@@ -41,7 +41,9 @@ class Entry:
     name: str
     kind: str
     files: dict[str, tuple[Path, str]]
-    options: dict[str, str]
+
+    def has(self, role: str) -> bool:
+        return role in self.files
 
     def read(self, role: str) -> bytes:
         """A file's content, checked against its hash. Raises WeightsError."""
@@ -59,6 +61,33 @@ class Entry:
         if hashlib.sha256(content).hexdigest() != expected:
             raise WeightsError(f"The weights of '{self.name}' are damaged ({path}): {again(self.name)}")
         return content
+
+
+@dataclass(frozen=True, slots=True)
+class Proposed:
+    """Files that are not kept yet, to be read like those of an entry."""
+
+    name: str
+    kind: str
+    contents: dict[str, bytes]
+
+    def has(self, role: str) -> bool:
+        return role in self.contents
+
+    def read(self, role: str) -> bytes:
+        return self.contents[role]
+
+
+def proposed(name: str, kind: str, files: Mapping[str, tuple[str, bytes]]) -> Proposed:
+    """The same as `save` would keep. Raises WeightsError for an impossible name."""
+    check_name(name)
+    return Proposed(name, kind, {role: content for role, (_, content) in files.items()})
+
+
+def check_name(name: str) -> None:
+    """Raises WeightsError."""
+    if not NAME.fullmatch(name):
+        raise WeightsError(f"'{name}' cannot be a detector's name: small letters, digits, '.', '_' and '-' only.")
 
 
 def again(name: str) -> str:
@@ -89,12 +118,10 @@ def save(
     name: str,
     kind: str,
     files: Mapping[str, tuple[str, bytes]],
-    options: Mapping[str, str] | None = None,
     folder: Path | None = None,
 ) -> Entry:
     """Keep a detector's files ((file name, content) by what they are). Raises WeightsError."""
-    if not NAME.fullmatch(name):
-        raise WeightsError(f"'{name}' cannot be a detector's name: small letters, digits, '.', '_' and '-' only.")
+    check_name(name)
     where = folder or cache_folder()
     described: dict[str, dict[str, str]] = {}
     try:
@@ -104,7 +131,7 @@ def save(
             kept = f"files/{digest[:16]}-{Path(file_name).name}"
             _replace(where / kept, content)
             described[role] = {"file": kept, "sha256": digest}
-        description = {"kind": kind, "files": described, "options": dict(options or {})}
+        description = {"kind": kind, "files": described}
         _replace(where / f"{name}.json", json.dumps(description, indent=1).encode())
     except OSError as error:
         raise WeightsError(
@@ -131,7 +158,6 @@ def _parse(path: Path) -> Entry:
     try:
         data: dict[str, Any] = json.loads(path.read_bytes())
         files = {role: (path.parent / file["file"], str(file["sha256"])) for role, file in data["files"].items()}
-        options = {str(key): str(value) for key, value in data.get("options", {}).items()}
-        return Entry(path.stem, str(data["kind"]), files, options)
+        return Entry(path.stem, str(data["kind"]), files)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise WeightsError(f"The description {path} of a detector is damaged: {again(path.stem)}") from error
