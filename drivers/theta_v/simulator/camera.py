@@ -138,6 +138,11 @@ class SimulatedThetaV:
     def unlisten(self, listener: Callable[[], None]) -> None:
         self._listeners = tuple(x for x in self._listeners if x != listener)
 
+    def stall(self, cure: Cure) -> None:
+        """Stop the encoder now, until `cure` is applied."""
+        with self.lock:
+            self.video.stall(cure)
+
     def unplug(self) -> None:
         """Pull the cable now."""
         with self.lock:

@@ -146,7 +146,7 @@ class VideoStreaming:
         if self._first_picture_ns is None:
             self._first_picture_ns = now_ns
         if self._stalls and now_ns - self._first_picture_ns >= self._stalls[0].at_s * 1e9:
-            self._stalled = self._stalls.pop(0).cure
+            self.stall(self._stalls.pop(0).cure)
         if self._stalled is not None:
             return False
         if len(self._waiting) >= MAX_WAITING:
@@ -206,6 +206,10 @@ class VideoStreaming:
         self._packets: deque[tuple[int, bytes] | None] = deque()
         self._fid = 0
         self.wants_keyframe = False
+
+    def stall(self, cure: Cure) -> None:
+        """The encoder stops, and what it had ready goes nowhere."""
+        self._stalled = cure
 
     def cure(self, means: Cure) -> None:
         """Something was done that may have brought a stalled encoder back."""

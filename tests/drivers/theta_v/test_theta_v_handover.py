@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 from drivers.theta_v.codec.access_units import AccessUnit
 from drivers.theta_v.device.ladder import ORDER, Drought, Ladder, Step
 from drivers.theta_v.device.mailbox import Mailbox
+from drivers.theta_v.device.stats import Meter
 from drivers.theta_v.errors import ThetaGone
 
 S = 1_000_000_000
@@ -90,6 +92,19 @@ def test_no_picture_is_handed_out_whose_reference_was_dropped(steps: list[tuple[
     for unit in asyncio.run(run()):
         assert unit.keyframe or last == unit.sequence - 1
         last = unit.sequence
+
+
+def test_rates_are_those_of_the_last_two_seconds_and_slow_down_when_nothing_comes() -> None:
+    meter = Meter()
+    unit = replace(picture(1), raw=bytes(1000))
+    for at in range(90):
+        meter.count(replace(unit, stamp_ns=at * S // 30))
+    now = 90 * S // 30
+    rate_hz, bit_rate = meter.rates(now)
+    assert rate_hz == pytest.approx(30, rel=0.02)
+    assert bit_rate == pytest.approx(30 * 8000, rel=0.02)
+    assert 0 < meter.rates(now + S)[0] < 25
+    assert meter.rates(now + 3 * S) == (0.0, 0.0)
 
 
 def test_the_ladder_goes_from_restart_to_reopen_and_forgets_when_pictures_come() -> None:
