@@ -12,6 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.theta_v.codec import h264
+from drivers.theta_v.codec.access_units import AccessUnitTracker
+from drivers.theta_v.codec.payload import Flaw, Unit
 from drivers.theta_v.codec.sps_rewrite import BitWriter, rewritten, without_reordering
 from drivers.theta_v.errors import ThetaMalformed
 from tests.drivers.theta_v.pictures import stream
@@ -30,6 +32,24 @@ def encoded(extra: str, profile: str = "high", pix_fmt: str = "yuv420p") -> list
         frame.pts = index
         units += map(bytes, context.encode(frame))
     return units + [bytes(packet) for packet in context.encode(None)]
+
+
+@pytest.mark.parametrize("extra", ["bframes=3:b-pyramid=none", "bframes=3:b-pyramid=normal", "bframes=0:slices=3"])
+def test_pictures_out_of_order_and_in_slices_are_taken_for_neither_loss_nor_damage(extra: str) -> None:
+    tracker = AccessUnitTracker()
+    units = [tracker.feed(Unit(data, Flaw.NONE, 1, 1)) for data in encoded(extra)]
+    assert [unit.taint for unit in units if unit is not None] == [""] * len(units)
+    assert tracker.lost == 0
+
+
+def test_of_pictures_out_of_order_only_one_that_others_build_upon_is_missed() -> None:
+    pictures = encoded("bframes=1:b-pyramid=none:keyint=60:b-adapt=0")
+    for missing, picture in enumerate(pictures[1:-1], 1):
+        nal = next(n for n in h264.split(picture) if n.kind == h264.SLICE)
+        tracker = AccessUnitTracker()
+        units = [tracker.feed(Unit(data, Flaw.NONE, 1, 1)) for at, data in enumerate(pictures) if at != missing]
+        tainted = any(unit.tainted for unit in units if unit is not None)
+        assert tainted == bool(nal.reference)
 
 
 def sps_of(data: bytes) -> bytes:
