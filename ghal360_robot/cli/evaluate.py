@@ -24,6 +24,7 @@ RUNS, PER_RUN = 5, 200
 """The paper's 1,000 trials per point in five runs."""
 BEYOND_PER_RUN = 40
 STACK_TRIALS = 60
+TABLE_WIDTH = 140
 
 
 def evaluate(
@@ -92,7 +93,7 @@ def evaluate(
     if as_json:
         print(json.dumps(results | {"results": str(out / f"{kind}.json")}))
     else:
-        (_print_beyond if beyond else _print_paper)(results, Console(highlight=False))
+        (_print_beyond if beyond else _print_paper)(results, _wide_console())
         print(f"results in {out}")
 
 
@@ -199,7 +200,7 @@ def _stack(trials: int, jobs: int, out: Path, keep_in: Path | None, console: Con
     if as_json:
         print(json.dumps(results | {"results": str(out / "stack.json")}))
         return
-    report = Console(highlight=False)
+    report = _wide_console()
     table = Table("system", "n", "stack: found", "mean s", "tables: found", "mean s", "gap s", box=None, padding=(0, 2))
     for name, row in results["systems"].items():
         table.add_row(
@@ -215,6 +216,12 @@ def _stack(trials: int, jobs: int, out: Path, keep_in: Path | None, console: Con
     for sentence in results["in_the_loop"]:
         report.print(f"- {sentence}")
     print(f"results in {out}")
+
+
+def _wide_console() -> Console:
+    """As wide as the terminal; in a pipe as wide as the tables."""
+    console = Console(highlight=False)
+    return console if console.is_terminal else Console(highlight=False, width=TABLE_WIDTH)
 
 
 def _print_paper(results: dict[str, Any], console: Console) -> None:

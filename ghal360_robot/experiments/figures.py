@@ -10,6 +10,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+from ghal360_robot.experiments.paper import OPTIMUM
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -69,7 +71,7 @@ def to_svg(figure: Figure) -> bytes:
 
 def learning_curve(results: dict[str, Any]) -> Figure:
     """Exact value of the greedy policy against training episodes: the paper's learning curve."""
-    figure, axes = _axes(7.2, 4.4)
+    figure, axes = _axes(8.4, 4.4)
     _curves(axes, results)
     axes.set_ylim(-260, 260)
     axes.set_title("Guidance learned in the abstract simulation")
@@ -78,7 +80,7 @@ def learning_curve(results: dict[str, Any]) -> Figure:
 
 def learning_end(results: dict[str, Any]) -> Figure:
     """The same, near the top: where the learned policy passes FGS."""
-    figure, axes = _axes(7.2, 4.4)
+    figure, axes = _axes(8.4, 4.4)
     _curves(axes, results)
     axes.set_ylim(219, 230.5)
     axes.set_title("The last ten units: where learning passes the fixed strategy")
@@ -99,7 +101,7 @@ def _curves(axes: Axes, results: dict[str, Any]) -> None:
     axes.set_xlim(0, results["episodes"])
     axes.set_xlabel("training episodes")
     axes.set_ylabel("return of the greedy policy\n(exact mean over the 2,048 starts)")
-    axes.legend(loc="lower right", fontsize=7.5)
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7.5)
 
 
 def accuracy(results: dict[str, Any]) -> Figure:
@@ -122,14 +124,14 @@ def accuracy(results: dict[str, Any]) -> Figure:
         if errors:
             axes.errorbar(at, heights, [2 * e for e in errors], fmt="none", ecolor="black", elinewidth=0.8, capsize=2)
         for x, height in zip(at, heights, strict=True):
-            axes.text(x, height + 0.015, f"{height:.2f}", ha="center", fontsize=7)
+            axes.text(x, height + 0.015, f"{height:.2f}" if g == 0 else f"{height:.3f}", ha="center", fontsize=6.5)
     axes.set_xticks(range(len(names)), names)
     axes.set_ylim(0, 1)
     axes.set_ylabel("share of targets found within 330 s")
     axes.set_title("Accuracy of the five systems")
     axes.grid(visible=False, axis="x")
     axes.legend(loc="upper left", fontsize=8)
-    return _finish(figure, _search_note(results) + "; bars: two standard errors")
+    return _finish(figure, _f1_note(results))
 
 
 def times(results: dict[str, Any]) -> Figure:
@@ -148,7 +150,7 @@ def times(results: dict[str, Any]) -> Figure:
     axes.set_ylim(0, 330)
     axes.set_title("Time against distance")
     axes.legend(loc="upper left", fontsize=8)
-    return _finish(figure, _search_note(results) + "; bars: two standard errors")
+    return _finish(figure, _f1_note(results))
 
 
 def assumptions(results: dict[str, Any]) -> Figure:
@@ -205,10 +207,12 @@ def fusion(results: dict[str, Any]) -> Figure:
         at = [k + (i - 0.5) * 0.38 for k in range(len(each))]
         heights = [one[how]["return"] for one in each]
         axes.bar(at, heights, 0.36, color=colour, label=how)
-        for x, one in zip(at, each, strict=True):
-            axes.text(x, one[how]["return"] + 4, f"{one[how]['return']:.0f}\n{one[how]['wrong']:.1%}",
-                      ha="center", fontsize=7)  # fmt: skip
-    axes.axhline(228.976, color="black", linewidth=0.8, linestyle="--")
+        for x, height, one in zip(at, heights, each, strict=True):
+            label = f"{height:.0f}\n{one[how]['wrong']:.1%}"
+            inside = height > 60
+            axes.text(x, height - 4 if inside else height + 4, label, ha="center", va="top" if inside else "bottom",
+                      fontsize=7, color="white" if inside and i else "black")  # fmt: skip
+    axes.axhline(OPTIMUM, color="black", linewidth=0.8, linestyle="--")
     axes.set_xticks(range(len(each)), [f"{one['hit_rate']}/{one['false_rate']}" for one in each])
     axes.set_xlabel("detector: chance to report the target / to invent it, per wedge and look")
     axes.set_ylabel("mean return\n(label: return, wrong confirmations)")
@@ -254,6 +258,15 @@ def _training_note(results: dict[str, Any]) -> str:
     seeds = results["seeds"]
     said = f"{len(seeds)} seeds ({seeds[0]} to {seeds[-1]})"
     return f"{said}, tested every {results['snapshot_every']} episodes; configuration {results['config_hash']}"
+
+
+def _f1_note(results: dict[str, Any]) -> str:
+    runs = (
+        f"runs {results['runs'][0]} to {results['runs'][-1]}, {results['trials_per_run']} each per target and distance"
+    )
+    return (
+        f"{results['trials']:,} trials of F1: {runs}; configuration {results['config_hash']}; bars: two standard errors"
+    )
 
 
 def _search_note(results: dict[str, Any]) -> str:
