@@ -242,6 +242,7 @@ class ThetaV:
     async def _stream(self, video: VideoFunction, agreement: bringup.Agreement) -> None:
         """Stream until the camera is lost. Always ends with a ThetaError."""
         config = self.config
+        self._collector.thirsty_since_ns = None
         await self._start(video, agreement)
         self._begin_watch()
         ladder = Ladder(time.monotonic_ns(), stall_s=config.stall_s, first_picture_s=config.first_picture_s)

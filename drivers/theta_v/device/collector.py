@@ -58,7 +58,6 @@ class Collector:
         """A new stream begins, with the bmFramingInfo agreed; only while none is running."""
         self._assembler = Assembler(opens=opens_stream, framing=framing)
         self._tracker.restart()
-        self.thirsty_since_ns = None
 
     def subscribe(self, mailbox: Mailbox) -> None:
         self._mailboxes = (*self._mailboxes, mailbox)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import replace
@@ -321,6 +322,17 @@ async def test_damage_is_not_carried_for_ever_where_key_pictures_never_come_by_t
             damaged = len(seen)
             await until(lambda: any(u.keyframe and not u.tainted for u in seen[damaged:]))
             assert camera.stats.reconnects == 0
+
+
+async def test_a_stream_without_any_key_picture_is_restarted_less_and_less_often() -> None:
+    simulated = SimulatedThetaV()
+    with Feeder(simulated, stream(120, 64, 32, key_interval=1000)[1:]):
+        quick = replace(QUICK, key_picture_s=0.1)
+        async with ThetaV(lambda: AttachedTransport(simulated), quick) as camera:
+            await until(lambda: camera.stats.received > 0)
+            began = time.monotonic()
+            await until(lambda: camera.stats.restarts == 3)
+            assert time.monotonic() - began > 0.1 + 0.2 + 0.4 - 0.05
 
 
 async def test_a_mistake_of_the_driver_ends_the_pictures_instead_of_leaving_the_reader_waiting(
