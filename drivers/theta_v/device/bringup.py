@@ -62,10 +62,12 @@ def functions(transport: UsbTransport) -> Functions:
     return found
 
 
-async def rouse(transport: UsbTransport, still: StillFunction, *, keep_awake: bool) -> str:
-    """Of a camera in live mode, which may sleep there: wake it, set its timers, return its firmware version.
+async def rouse(transport: UsbTransport, still: StillFunction, *, keep_awake: bool | None) -> str:
+    """Of a camera in live mode, which may sleep there: wake it, and return its firmware version.
 
-    "" where PTP is not to be had: another program may hold it, and pictures are worth trying for without.
+    Its timers are set too, unless `keep_awake` is None: the watch does that beside the stream, which a camera
+    that is busy for a while need not hold up. The version is "" where PTP is not to be had: another program may
+    hold it, and pictures are worth trying for without.
     """
     session = PtpSession(transport, still)
     version = ""
@@ -74,7 +76,8 @@ async def rouse(transport: UsbTransport, still: StillFunction, *, keep_awake: bo
             await session.open()
             version = (await session.device_info()).version
             await wake(session)
-            await set_timers(session, keep_awake=keep_awake)
+            if keep_awake is not None:
+                await set_timers(session, keep_awake=keep_awake)
     except (ThetaError, TimeoutError) as error:  # if it is gone, the next request says so too
         log.info("the camera does not listen to PTP: %s", error or "it is busy")
     return version

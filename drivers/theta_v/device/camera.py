@@ -193,7 +193,8 @@ class ThetaV:
         if found.video is None:
             raise ThetaGone("the camera did not change to live mode; use its mode button")
         if found.still is not None:
-            self._firmware = await bringup.rouse(transport, found.still, keep_awake=self.config.keep_awake)
+            timers = None if self.config.health_s > 0 else self.config.keep_awake
+            self._firmware = await bringup.rouse(transport, found.still, keep_awake=timers)
         self._link = Link.CONFIGURING
         return found.video, await bringup.agree(transport, found.video, self.config.mode)
 

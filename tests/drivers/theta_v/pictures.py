@@ -75,7 +75,7 @@ class Feeder:
                 index += 1
 
 
-async def until(condition: Callable[[], bool], timeout_s: float = 10.0) -> None:
+async def until(condition: Callable[[], bool], timeout_s: float = 30.0) -> None:
     """Wait for a condition on the event loop; fails the test when it does not come true."""
     deadline = time.monotonic() + timeout_s
     while not condition():

@@ -67,7 +67,7 @@ async def over_libusb(camera: SimulatedThetaV) -> AsyncIterator[TransportFactory
 fronts = pytest.mark.parametrize("front", [attached, over_usbip, over_libusb])
 
 
-async def take(camera: ThetaV, count: int, timeout_s: float = 15.0) -> list[AccessUnit]:
+async def take(camera: ThetaV, count: int, timeout_s: float = 30.0) -> list[AccessUnit]:
     units: list[AccessUnit] = []
     async with asyncio.timeout(timeout_s):
         async for unit in camera.access_units():
@@ -345,7 +345,7 @@ async def test_a_mistake_of_the_driver_ends_the_pictures_instead_of_leaving_the_
         units = camera.access_units()
         await anext(units)
         monkeypatch.setattr(Ladder, "due", lambda *_: 1 / 0)
-        await asyncio.wait_for(exhaust(units), 10)
+        await asyncio.wait_for(exhaust(units), 30)
     with pytest.raises(ZeroDivisionError):
         await camera.close()
 
@@ -502,14 +502,14 @@ async def test_asked_once_a_lost_camera_ends_the_pictures_with_an_error(front: F
                 assert (await anext(units)).keyframe
                 simulated.unplug()
                 with pytest.raises(ThetaGone, match="left the bus"):
-                    await asyncio.wait_for(exhaust(units), 10)
+                    await asyncio.wait_for(exhaust(units), 30)
 
 
 async def test_asked_once_a_camera_without_pictures_is_not_left_in_still_mode() -> None:
     simulated = SimulatedThetaV()
     with pytest.raises(ThetaTimeout, match="sends no pictures"):
         async with ThetaV(lambda: AttachedTransport(simulated), QUICK, once=True) as camera:
-            await asyncio.wait_for(exhaust(camera.access_units()), 10)
+            await asyncio.wait_for(exhaust(camera.access_units()), 30)
     assert simulated.composition is Composition.LIVE
 
 
