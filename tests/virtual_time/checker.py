@@ -81,6 +81,10 @@ class Witness:
         if presses >= self.presses_needed:
             self.presses_needed, self.why_needed = presses, why
 
+    def restart(self) -> None:
+        """A robot that starts is disarmed and knows no emergency stop of an earlier life: one press arms it."""
+        self.presses_needed, self.why_needed = 1, "the robot was restarted"
+
     def presses(self, now_s: float, arm: int, disarm: int, estop: int, *, steers: bool, first: bool) -> None:
         """Counts of a message that reached the robot; only one that steers can arm, any can stop."""
         self.expire(now_s)
@@ -155,7 +159,7 @@ class WireChecker:
             self._complain(now_s, "the robot left without saying zero")
         self._motion = (now_s, 0.0, 0.0)
         if self.witness:
-            self.witness.revoke("the robot was restarted")
+            self.witness.restart()
 
     def _rate(self, now_s: float, frame: OnWire) -> None:
         self._sent_s.append(now_s)

@@ -97,7 +97,7 @@ class Stage:
         await asyncio.wait(self._devices)
 
     async def start_robot(self) -> None:
-        self.witness.revoke("the robot was restarted")
+        self.witness.restart()
         self.witness.arm_count = None
         self._newest_message_s = -math.inf
         chain = Chain(self.bus, self.config)
