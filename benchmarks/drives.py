@@ -76,6 +76,7 @@ def described(contact: Contact) -> str:
 def summary(outcomes: list[Outcome], wall_s: float) -> dict[str, object]:
     contacts = [contact for outcome in outcomes for contact in outcome.contacts]
     hidden = sorted(contact.towards_mps for contact in contacts if contact.fault is Fault.OUT_OF_HIDING)
+    stepped = sorted(contact.towards_mps for contact in contacts if contact.fault is Fault.STEPPED_IN)
     own = [contact for contact in contacts if contact.fault is Fault.OWN_MOTION]
     asked_s = sum(outcome.asked_s for outcome in outcomes)
     return {
@@ -83,10 +84,11 @@ def summary(outcomes: list[Outcome], wall_s: float) -> dict[str, object]:
         "simulated_h": round(sum(outcome.drive.seconds for outcome in outcomes) / 3600, 2),
         "own_motion": len(own),
         "own_motion_standing_things": sum(contact.person is None for contact in own),
-        "own_motion_sudden": sum(not contact.foreseeable for contact in own),
         "out_of_hiding": len(hidden),
         "out_of_hiding_median_mps": round(statistics.median(hidden), 2) if hidden else None,
         "out_of_hiding_max_mps": round(hidden[-1], 2) if hidden else None,
+        "stepped_in": len(stepped),
+        "stepped_in_max_mps": round(stepped[-1], 2) if stepped else None,
         "walked_into": sum(contact.fault is Fault.WALKED_INTO for contact in contacts),
         "stuck": sum(len(outcome.stuck) for outcome in outcomes),
         "wedged": sum(len(outcome.wedged) for outcome in outcomes),
@@ -109,17 +111,18 @@ GROUPS: list[tuple[str, Callable[[Outcome], bool]]] = [
 
 
 def table(outcomes: list[Outcome]) -> None:
-    print(f"{'':26} drives  own motion  out of hiding  walked into  stuck  wedged  m/drive  moved")
+    print(f"{'':26} drives  own motion  out of hiding  stepped in  walked into  stuck  wedged  m/drive  moved")
     for name, belongs in GROUPS:
         group = [outcome for outcome in outcomes if belongs(outcome)]
         if not group:
             continue
-        own, hidden, walked = (sum(outcome.count(fault) for outcome in group) for fault in Fault)
+        own, hidden, stepped, walked = (sum(outcome.count(fault) for outcome in group) for fault in Fault)
         stuck, wedged = sum(len(outcome.stuck) for outcome in group), sum(len(outcome.wedged) for outcome in group)
         metres = sum(outcome.distance_m for outcome in group) / len(group)
         share = sum(outcome.moved_s for outcome in group) / max(sum(outcome.asked_s for outcome in group), 1e-9)
         print(
-            f"{name:26} {len(group):6} {own:11} {hidden:14} {walked:12} {stuck:6} {wedged:7} {metres:8.1f} {share:6.0%}"
+            f"{name:26} {len(group):6} {own:11} {hidden:14} {stepped:11} {walked:12} {stuck:6} {wedged:7}"
+            f" {metres:8.1f} {share:6.0%}"
         )
 
 

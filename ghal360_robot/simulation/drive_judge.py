@@ -6,9 +6,10 @@ A contact is the robot's disc touching a wall, furniture, or a person's body dis
   counted from the speed that it had when the person came into sight: had it braked then, it would stand;
 - OUT OF HIDING, if it moves towards the person, who was not in sight for so long (behind a corner, a desk, or in
   the quarter behind the robot where the lidar is blind);
+- STEPPED IN, if all of that holds, but at the last instant at which braking helped the person was standing, and had
+  both gone on as they did they would not have met: nothing then told them from furniture beside the way;
 - WALKED INTO, if it stands, turns on the spot, or moves away.
-Whether the person could be expected there plays no part in that, but is told: `foreseeable` contacts are those
-that would have come about as well had both gone on as they did at the last instant at which braking helped.
+Whether a person who was walking could be expected there plays no part in that, but is told as `foreseeable`.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from ghal360_robot.messages import Pose2, Twist
 from ghal360_robot.simulation.plant import advance
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from numpy.typing import NDArray
 
@@ -40,6 +41,8 @@ SIGHT_LOST_S = 0.25
 """Not seen for so long: out of sight. A leg behind the other, or three scans."""
 MEMORY_S = 3.0
 """Longer than the robot needs to stop from any speed that it is allowed."""
+STANDING_MPS = 0.15
+"""A person who moves more slowly stands: weight goes from one foot to the other."""
 FORESEEN_M, FORESEEN_S = 0.15, 0.3
 """Going on as they did, both would have come this close, at most so much later."""
 PARTED_M = 0.05
@@ -68,6 +71,7 @@ class Fault(Enum):
 
     OWN_MOTION = "own motion"
     OUT_OF_HIDING = "out of hiding"
+    STEPPED_IN = "stepped in"
     WALKED_INTO = "walked into"
 
 
@@ -94,7 +98,10 @@ class Contact:
 
 @dataclass(frozen=True, slots=True)
 class Standstill:
-    """Ten seconds without a motion that was asked for; `free` are those that were possible at their end."""
+    """Ten seconds without a motion that was asked for; `free` are those that were possible at their end.
+
+    Stuck is a robot that would have let none of them through; one that would is asked for the wrong thing.
+    """
 
     at_s: float
     free: tuple[Twist, ...]
@@ -146,14 +153,17 @@ class ContactJudge:
         in_sight = now_s - self._last_s[i] <= SIGHT_LOST_S
         seen_s = now_s - float(self._first_s[i]) if in_sight else 0.0
         need_s = self._reaction_s + float(self._speed_then[i] if in_sight else abs(towards)) / self._decel
+        foreseeable, stood = self._before(now_s, i, float(crowd.radius[i]))
         fault = Fault.WALKED_INTO
-        if towards > TOWARDS_MPS:
-            fault = Fault.OWN_MOTION if seen_s > need_s else Fault.OUT_OF_HIDING
+        if towards > TOWARDS_MPS and seen_s <= need_s:
+            fault = Fault.OUT_OF_HIDING
+        elif towards > TOWARDS_MPS:
+            fault = Fault.STEPPED_IN if stood and not foreseeable else Fault.OWN_MOTION
         bearing = math.degrees(math.remainder(math.atan2(ny, nx) - yaw, math.tau))
-        foreseeable = self._foreseeable(now_s, i, float(crowd.radius[i]))
         return Contact(now_s, fault, i, towards, person, seen_s, need_s, bearing, foreseeable)
 
-    def _foreseeable(self, now_s: float, i: int, radius: float) -> bool:
+    def _before(self, now_s: float, i: int, radius: float) -> tuple[bool, bool]:
+        """At the last instant at which braking helped: whether they would have met, and whether the person stood."""
         for then_s, robot, at, velocity in reversed(self._past):
             left_s = now_s - then_s
             if left_s < self._reaction_s + math.hypot(robot.vx, robot.vy) / self._decel:
@@ -161,8 +171,9 @@ class ContactJudge:
             later_s = np.linspace(0.0, left_s + FORESEEN_S, 30)
             x = at[i, 0] - robot.x + later_s * (velocity[i, 0] - robot.vx)
             y = at[i, 1] - robot.y + later_s * (velocity[i, 1] - robot.vy)
-            return bool(np.hypot(x, y).min() < radius + robot.radius + FORESEEN_M)
-        return False
+            met = bool(np.hypot(x, y).min() < radius + robot.radius + FORESEEN_M)
+            return met, math.hypot(*velocity[i]) < STANDING_MPS
+        return False, False
 
 
 class StandstillJudge:
@@ -174,8 +185,19 @@ class StandstillJudge:
         self.stuck: list[Standstill] = []
         self.wedged: list[Standstill] = []
 
-    def sample(self, now_s: float, pose: Pose2, asked: Twist | None, crowd: Crowd, radius: float) -> None:
-        """Call every `SAMPLE_S`; `asked` is the motion asked for, None where none was."""
+    def sample(
+        self,
+        now_s: float,
+        pose: Pose2,
+        asked: Twist | None,
+        crowd: Crowd,
+        radius: float,
+        lets: Callable[[Twist], bool],
+    ) -> None:
+        """Call every `SAMPLE_S`; `asked` is the motion asked for, None where none was.
+
+        `lets` says whether the robot would let any of a motion through.
+        """
         samples = self._samples
         stands = bool(samples) and math.hypot(samples[-1][0].x - pose.x, samples[-1][0].y - pose.y) < STUCK_M / 10
         refused = stands and asked is not None and self._may_crawl(pose, asked, crowd, radius)
@@ -188,7 +210,7 @@ class StandstillJudge:
         turned = max(abs(math.remainder(p.yaw - first.yaw, math.tau)) for p, _, _ in samples)
         if turned <= STUCK_RAD and _share(asked for _, asked, _ in samples) >= ASKED_SHARE:
             free = tuple(twist for twist in FREE_TWISTS if self._is_free(pose, twist, crowd, radius))
-            if free:
+            if free and not any(map(lets, free)):
                 self.stuck.append(Standstill(now_s, free))
             samples.clear()
         elif _share(refused for _, _, refused in samples) >= WEDGED_SHARE:

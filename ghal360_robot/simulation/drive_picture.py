@@ -30,6 +30,7 @@ PEOPLE: tuple[Colour, ...] = ((200, 80, 0), (0, 140, 0), (190, 0, 190), (0, 130,
 FAULTS: dict[Fault, Colour] = {
     Fault.OWN_MOTION: (0, 0, 230),
     Fault.OUT_OF_HIDING: (0, 160, 255),
+    Fault.STEPPED_IN: (0, 200, 200),
     Fault.WALKED_INTO: (160, 160, 0),
 }
 BODY_EVERY_S, TEXT_EVERY_S = 1.0, 5.0

@@ -19,6 +19,8 @@ from ghal360_robot.board import make_board
 from ghal360_robot.config import with_overrides
 from ghal360_robot.messages import STILL, Applied, ArmState, HeadPose, OperatorInput, Pose2, Twist
 from ghal360_robot.safety.chain import SafetyState
+from ghal360_robot.safety.collision import watch
+from ghal360_robot.safety.mux import TELEOP
 from ghal360_robot.simulation.drive_judge import SAMPLE_S, Contact, ContactJudge, Fault, Standstill, StandstillJudge
 from ghal360_robot.simulation.lidar_sweep import STEP_NS, SweepingLidar
 from ghal360_robot.simulation.plant import Body, advance, move
@@ -165,6 +167,7 @@ class _Run:
         self._presses, self._pressed_s = 0, 0.0
         self._operator_ns, self._picture_ns = 0, 0
         self._base_state = self.base.exchange(0, STILL, drive=False)
+        self._inputs = self.board.snapshot(0, 0, armed=False)
 
     def tick(self) -> None:
         """One control tick, and the two steps of the world until the next."""
@@ -172,8 +175,8 @@ class _Run:
         now_s = now_ns / 1e9
         self._send_inputs(now_ns)
         armed = self.safety_state.arming.state is ArmState.ARMED
-        inputs = self.board.snapshot(now_ns, self.ticks, armed=armed)
-        self.safety_state, applied = self.safety.step(self.safety_state, inputs, self._wanted())
+        self._inputs = self.board.snapshot(now_ns, self.ticks, armed=armed)
+        self.safety_state, applied = self.safety.step(self.safety_state, self._inputs, self._wanted())
         self._base_state = self.base.exchange(now_ns, applied.twist, drive=applied.arm is ArmState.ARMED)
         moving = STILL
         for part in (1, 2):
@@ -266,4 +269,10 @@ class _Run:
         self.armed += applied.arm is ArmState.ARMED
         if self.ticks % round(SAMPLE_S / TICK_S) == 0:
             asked = self.wish.twist if self.wish.motion else None
-            self.standstills.sample(now_s, self.body.pose, asked, self.crowd, ROBOT_RADIUS_M)
+            self.standstills.sample(now_s, self.body.pose, asked, self.crowd, ROBOT_RADIUS_M, self._lets)
+
+    def _lets(self, twist: Twist) -> bool:
+        """Whether the robot would let any of this motion through, were it asked for by hand."""
+        limits, memory = self.safety.limits, self.safety_state.memory
+        monitor = watch(limits, memory, self._inputs, TELEOP, 0.0)
+        return not isinstance(monitor, str) and monitor.check(twist)[0] != STILL

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, cast
 
@@ -88,7 +89,12 @@ def test_one_contact_counts_once_until_both_have_parted() -> None:
     assert [contact.at_s for contact in judge.contacts] == [pytest.approx(DT_S), pytest.approx(6 * DT_S)]
 
 
-def test_somebody_who_turns_into_the_robot_at_the_last_moment_was_not_foreseeable() -> None:
+@pytest.mark.parametrize(
+    ("pace", "fault"), [(0.0, Fault.STEPPED_IN), (0.14, Fault.STEPPED_IN), (0.16, Fault.OWN_MOTION)]
+)
+def test_who_stands_beside_the_way_and_steps_into_it_when_it_is_too_late_causes_the_contact(
+    pace: float, fault: Fault
+) -> None:
     judge = ContactJudge(1, REACTION_S, DECEL)
     v = 0.5
     for k in range(101):
@@ -103,9 +109,13 @@ def test_somebody_who_turns_into_the_robot_at_the_last_moment_was_not_foreseeabl
             def gaps(self, _robot: Moving, gap: float = gap) -> Any:
                 return np.array([gap])
 
+            @property
+            def velocity(self) -> Any:
+                return np.array([[0.0, pace]])
+
         judge.look(now_s, cast("Crowd", Aside(0.5)), robot, 0.0)
     assert len(judge.contacts) == 1
-    assert judge.contacts[0].fault is Fault.OWN_MOTION
+    assert judge.contacts[0].fault is fault
     assert not judge.contacts[0].foreseeable
 
 
@@ -123,11 +133,19 @@ def world() -> World:
     return build_world("home", 3)
 
 
-def stood(world: World, seconds: float, crowd: Somebody, *, asked: Twist | None, turn: float = 0.0) -> StandstillJudge:
+def stood(
+    world: World,
+    seconds: float,
+    crowd: Somebody,
+    *,
+    asked: Twist | None,
+    turn: float = 0.0,
+    lets: Callable[[Twist], bool] = lambda _: False,
+) -> StandstillJudge:
     judge = StandstillJudge(world)
     for k in range(round(seconds / 0.2) + 1):
         pose = Pose2(world.start.x, world.start.y, k * turn)
-        judge.sample(k * 0.2, pose, asked, cast("Crowd", crowd), ROBOT_RADIUS_M)
+        judge.sample(k * 0.2, pose, asked, cast("Crowd", crowd), ROBOT_RADIUS_M, lets)
     return judge
 
 
@@ -135,6 +153,12 @@ def test_ten_seconds_without_the_motion_asked_for_is_stuck(world: World) -> None
     judge = stood(world, 12.0, Somebody(50.0), asked=Twist(0.3, 0.0))
     assert [still.at_s for still in judge.stuck] == [pytest.approx(10.0)]
     assert Twist(0.0, 0.5) in judge.stuck[0].free
+
+
+def test_a_robot_that_would_do_something_else_is_asked_for_the_wrong_thing(world: World) -> None:
+    asked = Twist(0.3, 0.0)
+    assert stood(world, 12.0, Somebody(50.0), asked=asked, lets=lambda twist: twist == Twist(0.0, 0.5)).stuck == []
+    assert stood(world, 12.0, Somebody(50.0), asked=asked, lets=lambda twist: twist == Twist(9.0, 9.0)).stuck != []
 
 
 @pytest.mark.parametrize(
