@@ -1,8 +1,14 @@
-"""The pictures that wait for one connection: few, young, and never one whose predecessors were dropped. Pure."""
+"""The pictures that wait for one connection: few, young, and never one whose predecessors were dropped. Pure.
+
+A link's own buffers hold seconds of video before a sender notices anything. So no more bytes are let onto the way than
+the link was seen to deliver in a fraction of a second, as the page's word of what it shows tells (delivery rate as in
+TCP BBR, RFC draft-cheng-iccrg-delivery-rate-estimation).
+"""
 
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -14,14 +20,34 @@ MAX_FRAMES = 8
 MAX_BYTES = 4 << 20
 """Two 4K key pictures."""
 
-MAX_AGE_NS = 350_000_000
+MAX_AGE_NS = 250_000_000
 """Of the oldest picture that waits."""
 
+ON_THE_WAY_S = 0.45
+"""So much of what the link delivers may be on its way at once: the delay that its buffers can add."""
+
+FIRST_WINDOW_BYTES = 510_000
+"""On the way before anything is known of the link; three 2K pictures, half a second at 1 MB/s."""
+
+RATE_MEMORY_NS = 5_000_000_000
+"""The best rate of so long counts: a Wi-Fi that got worse is noticed after that, by its delay at once."""
+
 MAX_UNSEEN_NS = 600_000_000
-"""Nothing more is sent while a picture sent so long ago is not shown: it waits in somebody's buffers on the way."""
+"""Nothing more is sent while a picture sent so long ago is not shown."""
 
 RETRY_NS = 2_000_000_000
 """A page that shows nothing (its tab is hidden) is sent one key picture in so long, to hear whether it does again."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sent:
+    """One picture on its way, and how much had been delivered, and when last, as it was sent."""
+
+    sequence: int
+    size: int
+    sent_ns: int
+    delivered: int
+    delivered_ns: int
 
 
 class VideoQueue:
@@ -37,8 +63,13 @@ class VideoQueue:
         self._joining = True
         """Nothing but a key picture may come next."""
         self._gap = False
-        self._unseen: deque[tuple[int, int]] = deque(maxlen=1024)
-        """Sequence and instant of sending of what was sent and is not known to be shown."""
+        self._sent: deque[Sent] = deque()
+        """What is not known to be shown."""
+        self._on_the_way = 0
+        self._delivered = 0
+        self._delivered_ns = 0
+        self._rates: deque[tuple[int, float]] = deque(maxlen=256)
+        """When, and bytes a second."""
         self.dropped = 0
 
     def __len__(self) -> int:
@@ -61,22 +92,41 @@ class VideoQueue:
         return True
 
     def take(self, now_ns: int) -> tuple[Frame, bool] | None:
-        """The next picture to send and whether some before it were dropped; None where nothing waits."""
-        if self._waiting and not self._waiting[0].key and now_ns - self._waiting[0].stamp_ns > MAX_AGE_NS:
+        """The next picture to send and whether some before it were dropped; None where none may be sent now."""
+        if self._waiting and now_ns - self._waiting[0].stamp_ns > MAX_AGE_NS and not self._waiting[0].key:
             self._drop_waiting()
             self._joining = True
-        if not self._waiting:
+        if not self._waiting or not self._room(len(self._waiting[0].data), now_ns):
             return None
         frame = self._waiting.popleft()
-        self._bytes -= len(frame.data)
+        size = len(frame.data)
+        self._bytes -= size
         gap, self._gap = self._gap, False
-        self._unseen.append((frame.sequence, now_ns))
+        if not self._sent:
+            self._delivered_ns = now_ns  # a link that was idle delivered nothing: its rate counts from here
+        self._sent.append(Sent(frame.sequence, size, now_ns, self._delivered, self._delivered_ns))
+        self._on_the_way += size
         return frame, gap
 
-    def shown(self, sequence: int) -> None:
+    def shown(self, sequence: int, now_ns: int) -> None:
         """The page says that this picture is on the screen, and with it everything before."""
-        while self._unseen and self._unseen[0][0] <= sequence:
-            self._unseen.popleft()
+        newest = None
+        while self._sent and self._sent[0].sequence <= sequence:
+            newest = self._sent.popleft()
+            self._on_the_way -= newest.size
+            self._delivered += newest.size
+        if newest is None:
+            return
+        self._delivered_ns = now_ns
+        took_ns = max(now_ns - newest.delivered_ns, 1_000_000)
+        self._rates.append((now_ns, (self._delivered - newest.delivered) * 1e9 / took_ns))
+
+    def _room(self, size: int, now_ns: int) -> bool:
+        while self._rates and now_ns - self._rates[0][0] > RATE_MEMORY_NS:
+            self._rates.popleft()
+        best = max((rate for _, rate in self._rates), default=0.0)
+        window = max(best * ON_THE_WAY_S, FIRST_WINDOW_BYTES)
+        return self._on_the_way == 0 or self._on_the_way + size <= window
 
     def _too_much(self, frame: Frame, now_ns: int) -> bool:
         if len(self._waiting) >= MAX_FRAMES or self._bytes + len(frame.data) > MAX_BYTES:
@@ -85,9 +135,10 @@ class VideoQueue:
         return now_ns - oldest_ns > MAX_AGE_NS or self._congested(now_ns)
 
     def _congested(self, now_ns: int) -> bool:
-        if self._unseen and now_ns - self._unseen[-1][1] > RETRY_NS:
-            self._unseen.clear()
-        return bool(self._unseen) and now_ns - self._unseen[0][1] > MAX_UNSEEN_NS
+        if self._sent and now_ns - self._sent[-1].sent_ns > RETRY_NS:
+            self._sent.clear()
+            self._on_the_way = 0
+        return bool(self._sent) and now_ns - self._sent[0].sent_ns > MAX_UNSEEN_NS
 
     def _drop_waiting(self) -> None:
         if self._waiting:

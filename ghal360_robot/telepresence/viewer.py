@@ -37,7 +37,9 @@ class Viewer:
             self._ready.set()
 
     def shown(self, sequence: int) -> None:
-        self._queue.shown(sequence)
+        """The page says that this picture is on the screen: there is room for more on the way."""
+        self._queue.shown(sequence, self._clock())
+        self._ready.set()
 
     async def take(self) -> bytes:
         """The next message for the wire; waits for it."""

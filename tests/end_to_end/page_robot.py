@@ -13,16 +13,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ghal360_robot.bench.browser import EXECUTABLE
 from ghal360_robot.logbook.reader import RunReader
 from ghal360_robot.telepresence.page_process import BUILT
-from tests.end_to_end.browser import EXECUTABLE
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
 
-    from tests.end_to_end.browser import Tab
+    from ghal360_robot.bench.browser import Tab
 
 START_S = 60.0
+LIVE = "(ms => ms !== null && ms < 500)(globalThis.telepresence?.quality?.picture_ms ?? null)"
 END_S = 30.0
 
 WHY_NOT = (
@@ -101,7 +102,7 @@ async def _listen(robot: PageRobot, stream: asyncio.StreamReader) -> None:
 async def opened(tab: Tab, url: str) -> Tab:
     """The page, with a live picture on it and the robot's state known."""
     await tab.goto(url)
-    await tab.until("(ms => ms !== null && ms < 500)(globalThis.telepresence?.quality?.picture_ms ?? null)", "a live picture", 40)
+    await tab.until(LIVE, "a live picture", 40)
     await tab.until("telepresence.state !== undefined && document.querySelector('#take').disabled === false", "rights")
     return tab
 

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
+from ghal360_robot.bench.browser import chromium
 from ghal360_robot.perception.sphere import PictureSize, direction_of_pixel
-from tests.end_to_end.browser import chromium
 from tests.end_to_end.page_robot import WHY_NOT, opened, page_robot, turning
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from tests.end_to_end.browser import Tab
+    from ghal360_robot.bench.browser import Tab
 
 pytestmark = pytest.mark.skipif(bool(WHY_NOT), reason=WHY_NOT)
 
@@ -118,7 +118,7 @@ async def window_left(tab: Tab) -> None:
 
 
 async def tab_hidden(tab: Tab) -> None:
-    other = await tab._browser.tab()
+    other = await tab.browser.tab()
     await other.show()
 
 

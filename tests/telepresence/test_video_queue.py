@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -50,6 +51,41 @@ def test_bytes_are_bounded() -> None:
     assert not queue.offer(frame(1, 0), 0)
 
 
+def through(link_bytes_per_s: float, buffer_s: float, seconds: float) -> tuple[list[float], int]:
+    """Delays (s) of the pictures shown, and how many, of 40 Mb/s at 30 Hz over a link with a big buffer."""
+    queue, delays = VideoQueue(), []
+    on_link: list[tuple[float, Frame]] = []
+    free_at = 0.0
+    for ms in range(round(1000 * seconds)):
+        now = ms * MS
+        while on_link and on_link[0][0] <= ms / 1000:
+            at, shown = on_link.pop(0)
+            delays.append(at - shown.stamp_ns / 1e9)
+            queue.shown(shown.sequence, now)
+        if ms % 33 == 0:
+            sequence = ms // 33
+            queue.offer(frame(sequence, now, key=sequence % 30 == 0, size=167_000), now)
+        while taken := queue.take(now):
+            free_at = max(free_at, ms / 1000) + len(taken[0].data) / link_bytes_per_s
+            on_link.append((free_at + buffer_s, taken[0]))
+    return delays, queue.dropped
+
+
+def test_a_slow_link_with_big_buffers_does_not_get_later_and_later() -> None:
+    delays, dropped = through(1e6, 0.02, 20.0)
+    assert len(delays) >= 40
+    assert max(delays) < 0.9
+    assert dropped > 300
+
+
+@pytest.mark.parametrize("delay_s", [0.02, 0.1, 0.25])
+def test_a_fast_link_loses_nothing_however_long_it_is_once_it_is_known(delay_s: float) -> None:
+    delays, dropped = through(2e7, delay_s, 20.0)
+    assert dropped <= 240
+    assert len(delays) > 360
+    assert max(delays) < delay_s + 0.3
+
+
 def test_nothing_more_is_sent_while_the_page_shows_nothing() -> None:
     queue = VideoQueue()
     sequence, sent = 0, []
@@ -59,7 +95,7 @@ def test_nothing_more_is_sent_while_the_page_shows_nothing() -> None:
         while taken := queue.take(now):
             sent.append((taken[0].sequence, now))
     assert max(now for _, now in sent) <= 700 * MS
-    queue.shown(sent[-1][0])
+    queue.shown(sent[-1][0], 1500 * MS)
     now = 2000 * MS
     assert queue.offer(frame(sequence, now, key=True), now)
 
@@ -95,7 +131,7 @@ def test_every_picture_that_is_sent_has_all_its_predecessors(steps: list[tuple[i
             assert picture.key or now - picture.stamp_ns <= MAX_AGE_NS
             sent = picture.sequence
         if shows and sent is not None:
-            queue.shown(sent)
+            queue.shown(sent, now)
 
 
 def test_the_header_says_what_the_page_needs() -> None:

@@ -146,6 +146,7 @@ class Page {
   }
 
   private told(state: State): void {
+    if (state.arm !== this.state?.arm) this.hudMs = 0;
     this.state = state;
     this.stateMs = performance.now();
     this.drive.told(state);

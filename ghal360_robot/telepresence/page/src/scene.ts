@@ -62,6 +62,7 @@ export class World {
   private shown: Picture | undefined;
   private readonly ring: LineSegments<BufferGeometry, LineBasicMaterial>;
   private readonly boxes = new Group();
+  private boxesDrawn = "";
   /** Whether anything looks different from the last frame drawn. */
   private changed = true;
 
@@ -196,6 +197,7 @@ export class World {
     }
     const width = (wrap(blind[1] - blind[0]) + TAU) % TAU;
     for (let step = 0; step * HATCH < width; step++) bar(blind[0] + step * HATCH, radians(step % 3 ? 0.2 : 1.6), BLIND_COLOR);
+    this.changed = true;
     this.ring.geometry.setAttribute("position", new Float32BufferAttribute(places, 3));
     this.ring.geometry.setAttribute("color", new Float32BufferAttribute(colors, 3));
   }
@@ -206,6 +208,10 @@ export class World {
   }
 
   drawBoxes(boxes: Box[], all: boolean): void {
+    const key = JSON.stringify([boxes, all]);
+    if (key === this.boxesDrawn) return;
+    this.boxesDrawn = key;
+    this.changed = true;
     for (const child of [...this.boxes.children] as Mesh<BufferGeometry>[]) {
       child.geometry.dispose();
       this.boxes.remove(child);

@@ -1,4 +1,4 @@
-"""A real Chromium for the tests of the page, spoken to over its DevTools protocol: no package between it and us."""
+"""A real Chromium, without a screen, spoken to over its DevTools protocol: for the page's bench and its tests."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ import aiohttp
 import cv2
 import numpy as np
 
+from ghal360_robot.errors import GhalError
+
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
 
@@ -31,6 +33,12 @@ FLAGS = (
 )  # fmt: skip
 START_S = 30.0
 ANSWER_S = 30.0
+END_S = 5.0
+
+
+class BrowserError(GhalError):
+    """The browser, or the page in it, did not do what was asked."""
+
 
 KEYS = {
     " ": ("Space", 32), "Escape": ("Escape", 27), "Enter": ("Enter", 13), "ArrowLeft": ("ArrowLeft", 37),
@@ -43,12 +51,12 @@ class Tab:
     """One page: `evaluate`, keys, mouse, screenshots."""
 
     def __init__(self, browser: Browser, target: str, session: str) -> None:
-        self._browser = browser
+        self.browser = browser
         self.target = target
         self._session = session
 
     async def send(self, method: str, **params: Any) -> dict[str, Any]:
-        return await self._browser.send(method, params, self._session)
+        return await self.browser.send(method, params, self._session)
 
     async def evaluate(self, expression: str) -> Any:
         """The value of a JavaScript expression; promises are awaited."""
@@ -56,7 +64,7 @@ class Tab:
             "Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True, userGesture=True
         )
         if "exceptionDetails" in answer:
-            raise AssertionError(f"{expression}: {answer['exceptionDetails']['exception'].get('description')}")
+            raise BrowserError(f"{expression}: {answer['exceptionDetails']['exception'].get('description')}")
         return answer["result"].get("value")
 
     async def goto(self, url: str) -> None:
@@ -70,7 +78,8 @@ class Tab:
             value = await self.evaluate(expression)
             if value:
                 return value
-            assert time.monotonic() < deadline, f"waited {timeout_s} s for: {what or expression}"
+            if time.monotonic() > deadline:
+                raise BrowserError(f"waited {timeout_s:g} s for: {what or expression}")
             await asyncio.sleep(0.02)
 
     async def key(self, kind: str, key: str) -> None:
@@ -108,7 +117,8 @@ class Tab:
         """What the tab shows, (height, width, 3) BGR."""
         data = await self.send("Page.captureScreenshot", format="png")
         decoded = cv2.imdecode(np.frombuffer(base64.b64decode(data["data"]), np.uint8), cv2.IMREAD_COLOR)
-        assert decoded is not None
+        if decoded is None:
+            raise BrowserError("the screenshot is no picture")
         return np.asarray(decoded, np.uint8)
 
     async def size(self, width: int, height: int, *, mobile: bool = False) -> None:
@@ -121,12 +131,12 @@ class Tab:
         await self.send("Page.bringToFront")
 
     async def close(self) -> None:
-        await self._browser.send("Target.closeTarget", {"targetId": self.target})
+        await self.browser.send("Target.closeTarget", {"targetId": self.target})
 
     @property
     def console(self) -> list[str]:
         """Errors and warnings so far."""
-        return self._browser.console.get(self._session, [])
+        return self.browser.console.get(self._session, [])
 
 
 class Browser:
@@ -172,7 +182,7 @@ class Browser:
                 answer = self._answers.pop(message["id"], None)
                 if answer is not None and not answer.done():
                     if "error" in message:
-                        answer.set_exception(AssertionError(str(message["error"])))
+                        answer.set_exception(BrowserError(str(message["error"])))
                     else:
                         answer.set_result(message["result"])
                 continue
@@ -195,10 +205,11 @@ class Browser:
 @asynccontextmanager
 async def chromium(*flags: str) -> AsyncIterator[Browser]:
     """A headless Chromium without screen or GPU; ended, profile and all, on leaving."""
-    assert EXECUTABLE is not None
+    if EXECUTABLE is None:
+        raise BrowserError("there is no Chromium: apt install chromium")
     with tempfile.TemporaryDirectory(prefix="ghal360-chromium-", ignore_cleanup_errors=True) as profile:
         process = await asyncio.create_subprocess_exec(
-            "nice", "-n", "10", EXECUTABLE, *FLAGS, *flags, f"--user-data-dir={profile}", "about:blank",
+            "nice", "-n", "5", EXECUTABLE, *FLAGS, *flags, f"--user-data-dir={profile}", "about:blank",
             stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.DEVNULL,
         )  # fmt: skip
         try:
@@ -211,12 +222,12 @@ async def chromium(*flags: str) -> AsyncIterator[Browser]:
                 try:
                     yield browser
                 finally:
-                    with contextlib.suppress(TimeoutError, AssertionError):
+                    with contextlib.suppress(TimeoutError, BrowserError):
                         await asyncio.wait_for(browser.send("Browser.close", {}), 3.0)
                     await browser.close()
         finally:
             try:
-                await asyncio.wait_for(process.wait(), 5.0)
+                await asyncio.wait_for(process.wait(), END_S)
             except TimeoutError:
                 process.kill()
                 await process.wait()
@@ -229,6 +240,7 @@ def _lines(file: Path) -> list[str]:
 async def _address(file: Path) -> str:
     deadline = time.monotonic() + START_S
     while len(lines := _lines(file)) != 2:
-        assert time.monotonic() < deadline, "Chromium does not start"
+        if time.monotonic() > deadline:
+            raise BrowserError(f"Chromium does not start within {START_S:g} s")
         await asyncio.sleep(0.05)
     return f"ws://127.0.0.1:{lines[0]}{lines[1]}"
