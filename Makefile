@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 
 PAGE := ghal360_robot/telepresence/page
 
-.PHONY: run test lint page test-page test-usb test-usb-short campaign drives fuzz soak soak-lidar mutate pictures clean
+.PHONY: run test test-logbook lint page test-page test-usb test-usb-short campaign drives fuzz soak soak-lidar mutate pictures clean
 
 run: $(VENV)/.installed page
 	$(BIN)/ghal360 demo
@@ -53,6 +53,10 @@ fuzz: $(VENV)/.installed
 	-$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[sim,export,dev,fuzz]'
 	$(BIN)/python fuzz/tim571.py --seconds 600
 	$(BIN)/python fuzz/theta_v.py --seconds 600
+
+# What the logbook does when viewers, disks and the process itself fail: about eight minutes.
+test-logbook: $(VENV)/.installed
+	$(BIN)/python -m benchmarks.logbook_faults
 
 # A simulated day of driving with 4,500 faults on bus and base: about ten minutes on one core.
 soak: $(VENV)/.installed

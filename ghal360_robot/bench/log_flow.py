@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ghal360_robot.messages import Applied, Decision, Inputs, LidarScan
 
 CONFIG = with_overrides(RobotConfig(), {"perception": {"target": "backpack"}})
-TAPE_S = 20
+TAPE_S = 8
 TICKS_PER_S = round(1e9 / TICK_NS)
 FRAMES_PER_PACKET = 11
 """One feedback packet of the base."""

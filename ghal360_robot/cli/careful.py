@@ -43,7 +43,7 @@ def run_in_child(arguments: list[str]) -> tuple[int, str]:
     where = "a file of this recording" if culprit is None else str(culprit)
     return 1, (
         f"{where} is damaged in a way that Rerun does not survive ({how}); move it away to read the rest, "
-        f"or try `rerun rrd optimize --continue-on-error` on it"
+        f"or try `rerun rrd merge --continue-on-error` on it"
     )
 
 

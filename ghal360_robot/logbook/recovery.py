@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import rerun as rr
+import rerun_cli  # type: ignore[import-untyped]
 
 from ghal360_robot.logbook.encoding import chunk, without
 from ghal360_robot.logbook.errors import RecordingNotReadableError
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     import pyarrow as pa  # type: ignore[import-untyped]
 
 # A part of 512 MiB takes some seconds; one that takes this long is not worth the robot's attention.
-OPTIMIZE_TIMEOUT_S = 300.0
+MERGE_TIMEOUT_S = 300.0
 
 # Other robots' and other days' runs are not this boot's business.
 MAX_RUNS = 20
@@ -80,11 +81,12 @@ def recover_part(part: Path) -> None:
         if batches:
             _write(batches, tail, part.parent.name)
             inputs.append(tail)
-        command = [sys.executable, "-m", "rerun", "rrd", "optimize", "--continue-on-error"]
+        # Not `optimize`: it parses the video, and complains of every byte of a damaged access unit.
+        command = [str(Path(rerun_cli.__file__).parent / "rerun"), "rrd", "merge", "--continue-on-error"]
         subprocess.run(  # noqa: S603 - Rerun's own command line, on our own files
             [*command, *map(str, inputs), "-o", str(whole)],
             check=True,
-            timeout=OPTIMIZE_TIMEOUT_S,
+            timeout=MERGE_TIMEOUT_S,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,

@@ -43,8 +43,8 @@ class VideoRing:
         return len(self._pieces)
 
     def add(self, batch: pa.RecordBatch, *, key: bool, now_s: float, owed: bool = False) -> None:
-        """Take a batch in; with `owed` nothing is let go for its age, only for the room it takes."""
-        if not self._pieces and not key:
+        """Take a batch in; what is `owed` leans on pictures that were written, and is let go for want of room only."""
+        if not self._pieces and not key and not owed:
             self.let_go += batch.num_rows
             return
         self._pieces.append(_Piece(batch, key, now_s))

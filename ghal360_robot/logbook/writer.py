@@ -25,7 +25,7 @@ TAKE_ENTRIES = 50
 TAKE_S = 0.025
 
 # A killed process loses what is not settled: this long, and the way there.
-SETTLE_PERIOD_S = 0.15
+SETTLE_PERIOD_S = 0.1
 
 # A chunk costs about 1.1 kB beside its rows, and there are twenty of them; until then rows are in the log ahead.
 MERGE_PERIOD_S = 5.0
