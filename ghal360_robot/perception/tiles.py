@@ -112,7 +112,11 @@ class PerspectiveTile:
         return wrap_angle(yaw + self.yaw), pitch
 
     def boxes(self, xyxy: ArrayLike, panorama: PictureSize) -> tuple[SphereBox, ...]:
-        """Boxes (n, 4) in pixels of the tile as the smallest boxes on the sphere around all that they show."""
+        """Boxes (n, 4) in pixels of the tile as boxes on the sphere whose sides pass through the middles of theirs.
+
+        The smallest boxes around all that they show would be up to half as large again: an upright thing aside of
+        the optical axis is drawn as a leaning one, whose corners show what is beside it.
+        """
         return tuple(self._box(*corners) for corners in np.asarray(xyxy, np.float64).reshape(-1, 4).tolist())
 
     def artificial(self) -> tuple[bool, bool, bool, bool]:
@@ -129,16 +133,15 @@ class PerspectiveTile:
     def _box(self, x0: float, y0: float, x1: float, y1: float) -> SphereBox:
         left, right = self._plane((x0, x1)).tolist()
         low, high = (-self._plane((y1, y0))).tolist()
-        pole = self._pole(left, right, low, high)
-        pitches = [self._pitch_at(x, y) for x, y in self._extremes(left, right, low, high)]
-        bottom, top = (-pi / 2 if pole < 0 else min(pitches)), (pi / 2 if pole > 0 else max(pitches))
+        x, y = (left + right) / 2, (low + high) / 2
+        bottom, top, pole = self._pitch_at(x, low), self._pitch_at(x, high), self._pole(left, right, low, high)
         if pole:
+            bottom, top = (min(bottom, top), pi / 2) if pole > 0 else (-pi / 2, max(bottom, top))
             return SphereBox(self.yaw, (bottom + top) / 2, tau, top - bottom)
-        # Along a row as along a column yaw is monotonic: its extremes are at corners.
-        middle = self._yaw_at((left + right) / 2, (low + high) / 2)
-        yaws = [wrap(self._yaw_at(x, y) - middle) for x in (left, right) for y in (low, high)]
-        yaw = wrap(self.yaw + middle + (max(yaws) + min(yaws)) / 2)
-        return SphereBox(yaw, (bottom + top) / 2, max(yaws) - min(yaws), top - bottom)
+        leftmost, middle, rightmost = (self._yaw_at(at, y) for at in (left, x, right))
+        outward, inward = wrap(leftmost - middle), wrap(rightmost - middle)
+        yaw = wrap(self.yaw + middle + (outward + inward) / 2)
+        return SphereBox(yaw, (bottom + top) / 2, outward - inward, top - bottom)
 
     def _pole(self, left: float, right: float, low: float, high: float) -> int:
         """1 or -1 where the zenith or nadir lies inside, else 0."""
@@ -151,18 +154,6 @@ class PerspectiveTile:
 
     def _pitch_at(self, x: float, y: float) -> float:
         return asin((sin(self.pitch) + y * cos(self.pitch)) / sqrt(1 + x * x + y * y))
-
-    def _extremes(self, left: float, right: float, low: float, high: float) -> list[tuple[float, float]]:
-        """Points of a rectangle of the plane among which the highest and the lowest direction are."""
-        points = [(x, y) for x in (left, right) for y in (low, high)]
-        if left < 0 < right:
-            points += [(0.0, low), (0.0, high)]
-        if abs(sin(self.pitch)) > 1e-12:
-            for x in (left, right):
-                y = (1 + x * x) * cos(self.pitch) / sin(self.pitch)
-                if low < y < high:
-                    points.append((x, y))
-        return points
 
 
 Tile = EquirectTile | PerspectiveTile

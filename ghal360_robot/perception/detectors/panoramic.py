@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from ghal360_robot.perception.detectors.base import PixelDetection
 from ghal360_robot.perception.detectors.letterbox import checked
-from ghal360_robot.perception.merge import TileBox, merged
+from ghal360_robot.perception.merge import KEEP_SHARE, TileBox, continued, merged
 from ghal360_robot.perception.names import canonical
 from ghal360_robot.perception.sphere import PictureSize, pixel_box
 from ghal360_robot.perception.tiles import EDGE, PLANS, PerspectiveTile, Tile, TilePlan
@@ -26,7 +27,10 @@ if TYPE_CHECKING:
 
 
 class PanoramaDetector:
-    """A network and a plan; `thresholds` are scores by class name, every other class has `min_score`."""
+    """A network and a plan; `thresholds` are scores by class name, every other class has `min_score`.
+
+    It remembers what the picture before showed: an object once found may go on with a weaker score.
+    """
 
     def __init__(
         self,
@@ -44,12 +48,15 @@ class PanoramaDetector:
         self.class_names = tuple(dict.fromkeys(self._names))
         everywhere = network.default_score if min_score is None else min_score
         asked = {canonical(name): score for name, score in (thresholds or {}).items()}
-        self._scores = np.array([asked.get(name, everywhere) for name in self._names], np.float32)
+        self._start = {name: asked.get(name, everywhere) for name in self.class_names}
+        self._least = np.array([KEEP_SHARE * self._start[name] for name in self._names], np.float32)
         self._turn = 0
+        self._before: deque[list[TileBox]] = deque(maxlen=len(plan.tiles) if plan.one_a_turn else 1)
 
     def warm_up(self) -> None:
         """Search one grey panorama: a first run allocates memory and chooses kernels, which takes long."""
         self.detect(np.full((960, 1920, 3), 127, np.uint8))
+        self._before.clear()
         self._turn = 0
 
     def detect(self, rgb: Picture) -> list[PixelDetection]:
@@ -58,16 +65,16 @@ class PanoramaDetector:
         size = PictureSize(rgb.shape[1], rgb.shape[0])
         tiles = self._tiles()
         cuts = [tile.cut(rgb) for tile in tiles]
-        found = self.network.detect(cuts, float(self._scores.min()))
+        found = self.network.detect(cuts, float(self._least.min()))
         boxes = [
             box
             for tile, cut, seen in zip(tiles, cuts, found, strict=True)
             for box in self._on_sphere(tile, cut, seen, size)
         ]
-        return [
-            PixelDetection(item.name, item.score, pixel_box(item.box, size))
-            for item in merged(boxes, self.plan.overlap)
-        ]
+        before = [item for picture in self._before for item in picture]
+        objects = continued(merged(boxes, self.plan.overlap), before, self._start)
+        self._before.append(objects)
+        return [PixelDetection(item.name, item.score, pixel_box(item.box, size)) for item in objects]
 
     def _tiles(self) -> tuple[Tile, ...]:
         if not self.plan.one_a_turn:
@@ -76,7 +83,7 @@ class PanoramaDetector:
         return (self.plan.tiles[self._turn],)
 
     def _on_sphere(self, tile: Tile, cut: Picture, seen: Boxes, size: PictureSize) -> list[TileBox]:
-        good = seen.score >= self._scores[seen.kind]
+        good = seen.score >= self._least[seen.kind]
         xyxy, score, kind = seen.xyxy[good], seen.score[good], seen.kind[good]
         height, width = cut.shape[:2]
         inside = np.stack((xyxy[:, 0], xyxy[:, 1], width - xyxy[:, 2], height - xyxy[:, 3]), 1)
