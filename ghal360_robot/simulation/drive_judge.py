@@ -41,8 +41,8 @@ SIGHT_LOST_S = 0.25
 """Not seen for so long: out of sight. A leg behind the other, or three scans."""
 MEMORY_S = 3.0
 """Longer than the robot needs to stop from any speed that it is allowed."""
-STANDING_MPS = 0.15
-"""A person who moves more slowly stands: weight goes from one foot to the other."""
+STANDING_M, STANDING_S = 0.10, 1.0
+"""Who has moved less in so long was standing: four sigma of a range, and what odometry may be out by."""
 FORESEEN_M, FORESEEN_S = 0.15, 0.3
 """Going on as they did, both would have come this close, at most so much later."""
 PARTED_M = 0.05
@@ -172,7 +172,8 @@ class ContactJudge:
             x = at[i, 0] - robot.x + later_s * (velocity[i, 0] - robot.vx)
             y = at[i, 1] - robot.y + later_s * (velocity[i, 1] - robot.vy)
             met = bool(np.hypot(x, y).min() < radius + robot.radius + FORESEEN_M)
-            return met, math.hypot(*velocity[i]) < STANDING_MPS
+            earlier = next((at for at_s, _, at, _ in self._past if then_s - at_s <= STANDING_S), at)
+            return met, math.dist(at[i], earlier[i]) < STANDING_M
         return False, False
 
 

@@ -90,7 +90,7 @@ def test_one_contact_counts_once_until_both_have_parted() -> None:
 
 
 @pytest.mark.parametrize(
-    ("pace", "fault"), [(0.0, Fault.STEPPED_IN), (0.14, Fault.STEPPED_IN), (0.16, Fault.OWN_MOTION)]
+    ("pace", "fault"), [(0.0, Fault.STEPPED_IN), (0.1, Fault.STEPPED_IN), (0.2, Fault.OWN_MOTION)]
 )
 def test_who_stands_beside_the_way_and_steps_into_it_when_it_is_too_late_causes_the_contact(
     pace: float, fault: Fault
@@ -109,9 +109,9 @@ def test_who_stands_beside_the_way_and_steps_into_it_when_it_is_too_late_causes_
             def gaps(self, _robot: Moving, gap: float = gap) -> Any:
                 return np.array([gap])
 
-            @property
-            def velocity(self) -> Any:
-                return np.array([[0.0, pace]])
+            at = property(lambda _, now_s=now_s: np.array([[0.5, pace * now_s]]))  # strolls along beside the way
+
+            velocity = property(lambda _: np.array([[0.0, pace]]))
 
         judge.look(now_s, cast("Crowd", Aside(0.5)), robot, 0.0)
     assert len(judge.contacts) == 1
