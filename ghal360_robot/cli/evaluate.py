@@ -102,7 +102,7 @@ def _rows(kind: str, environments: Sequence[str], changes: Sequence[str]) -> lis
     from ghal360_robot.experiments.search import F1  # noqa: PLC0415
 
     if kind == "beyond":
-        rows = list(ev.beyond_rows() if not environments else ev.beyond_rows(tuple(environments), ()))
+        rows = list(ev.beyond_rows(tuple(environments)))
     elif environments or changes:
         rows = [ev.PAPER_ROWS[0], ev.PAPER_ROWS[1]]
         if environments:

@@ -96,12 +96,12 @@ BEYOND_STEPS = {
 BEYOND_NAME = "and a detector of .8/.05, fused, asking at .97"
 
 
-def beyond_rows(open_floors: tuple[str, ...] = OPEN, room_floors: tuple[str, ...] = ROOMS) -> tuple[Row, ...]:
-    """The sixth system step by step, on open floors and on floors with rooms."""
+def beyond_rows(given: tuple[str, ...] = ()) -> tuple[Row, ...]:
+    """The sixth system step by step, on open floors and on floors with rooms, or on given environments."""
+    places = (("given", given),) if given else (("open", OPEN), ("rooms", ROOMS))
     return tuple(
         Row(f"{name} ({where})", planner=planner, environments=floors)
-        for where, floors in (("open", open_floors), ("rooms", room_floors))
-        if floors
+        for where, floors in places
         for name, planner in BEYOND_STEPS.items()
     )
 

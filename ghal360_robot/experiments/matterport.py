@@ -18,7 +18,7 @@ import numpy as np
 
 from ghal360_robot.experiments.environment_file import number, read_json, text
 from ghal360_robot.experiments.errors import EnvironmentFileError
-from ghal360_robot.experiments.ground import UNSEEN, Goal, Ground, far, wedges_of
+from ghal360_robot.experiments.ground import UNSEEN, Goal, Ground, wedges_of
 from ghal360_robot.guidance.egocentric import N_WEDGES, WEDGE_WIDTH
 
 if TYPE_CHECKING:
@@ -119,8 +119,7 @@ def _goal(graph: NavigationGraph, target: str, range_m: float) -> Goal:
         mine = [sighting for sighting in seen if sighting.name == target]
         if mine:
             best = min(mine, key=lambda sighting: sighting.distance_m)
-            flat = best.distance_m * math.cos(best.elevation)
-            at = graph.xyz[i, :2] + flat * np.array([math.sin(best.heading), math.cos(best.heading)])
+            at = graph.xyz[i] + best.distance_m * _direction(best)
             estimates.append(at)
             if nearest is None or best.distance_m < nearest[0]:
                 nearest = best.distance_m, at
@@ -131,13 +130,23 @@ def _goal(graph: NavigationGraph, target: str, range_m: float) -> Goal:
                 clutter[i] |= 1 << int(wedges_of(np.array(sighting.heading)))
     if nearest is None:
         raise EnvironmentFileError(f"{graph.name}: nobody sees the target {target!r} from anywhere")
-    apart = float(far(np.array(estimates) - nearest[1]).max())
+    apart = float(np.linalg.norm(np.array(estimates) - nearest[1], axis=1).max())
     if apart > SAME_M:
         raise EnvironmentFileError(
             f"{graph.name}: sightings put the target {target!r} {apart:.1f} m apart; a target has to be the only one"
         )
-    x, y = nearest[1].tolist()
-    return Goal(target, (x, y), bearing, far(graph.xyz[:, :2] - nearest[1]), clutter.astype(np.uint8))
+    x, y, _ = nearest[1].tolist()
+    # In three dimensions: right above, on the next floor, is not near.
+    distance = np.linalg.norm(graph.xyz - nearest[1], axis=1)
+    return Goal(target, (x, y), bearing, distance, clutter.astype(np.uint8))
+
+
+def _direction(sighting: Sighting) -> NDArray[np.float64]:
+    """(3,) the unit vector towards a sighting."""
+    flat = math.cos(sighting.elevation)
+    return np.array(
+        [flat * math.sin(sighting.heading), flat * math.cos(sighting.heading), math.sin(sighting.elevation)]
+    )
 
 
 def _spot_wedges(xy: NDArray[np.float64], visible: NDArray[np.bool_], range_m: float) -> NDArray[np.uint8]:

@@ -32,8 +32,8 @@ REACH_M = 8.0
 EVERY_S = 0.5
 """At 0.5 m/s a new scan every cell."""
 BODY_M = 0.40
-FEWEST_RAYS = 5
-"""Directions that have to meet for a thing to be believed."""
+FEWEST_PLACES = 3
+"""From so many places a thing has to be seen to be believed: two directions meet somewhere, three by chance hardly."""
 SAME_M = 0.75
 VOTE_M = 0.25
 
@@ -66,9 +66,10 @@ def recorded_map(run: Path, target: str = "") -> GridMap:
         raise EnvironmentFileError(f"{run} holds no lidar scans")
     low = np.floor(ends.min(axis=0) - 2 * CELL_M)
     cells = _cells(rays, ends, low, [pose for _, pose in poses])
-    things = {
-        each: [Thing(each, *(spot - low).tolist()) for spot in _crossings(where)] for each, where in sightings.items()
-    }
+    crossings = {each: _crossings(where) for each, where in sightings.items()}
+    for spot, seen_from in (crossing for all_ in crossings.values() for crossing in all_):
+        _open_sight(cells, low, spot, seen_from)
+    things = {each: [Thing(each, *(spot - low).tolist()) for spot, _ in found] for each, found in crossings.items()}
     if not things.get(name):
         raise EnvironmentFileError(f"{run} never saw {name or 'its target'!r} from enough places to say where it is")
     return GridMap(
@@ -160,10 +161,24 @@ def _sightings(reader: RunReader, at: _Poses, min_score: float) -> dict[str, NDA
     return {name: np.array(rays) for name, rays in seen.items()}
 
 
-def _crossings(rays: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """Where most directions meet, then where most of the others do; things seen from one place only are left out."""
+def _open_sight(
+    cells: NDArray[np.str_], low: NDArray[np.float64], spot: NDArray[np.float64], seen_from: NDArray[np.float64]
+) -> None:
+    """What the camera looked over is no wall, whatever the lidar met there 0.25 m above the floor."""
+    for part in np.linspace(0.0, 1.0, round(REACH_M / CELL_M * 2)):
+        x, y = np.floor((seen_from + part * (spot - seen_from) - low) / CELL_M).astype(int).T
+        inside = (x >= 0) & (y >= 0) & (x < cells.shape[1]) & (y < cells.shape[0])
+        x, y = x[inside], y[inside]
+        cells[y, x] = np.where(cells[y, x] == WALL, FURNITURE, cells[y, x])
+
+
+def _crossings(rays: NDArray[np.float64]) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Where most directions meet, then where most of the others do, each with the places (k, 2) it was seen from.
+
+    Things seen from one place only are left out.
+    """
     spots = []
-    while len(rays) >= FEWEST_RAYS:
+    while len(rays) >= FEWEST_PLACES:
         steps = np.arange(VOTE_M, REACH_M, VOTE_M)
         x = rays[:, None, 0] + steps * np.cos(rays[:, None, 2])
         y = rays[:, None, 1] + steps * np.sin(rays[:, None, 2])
@@ -173,12 +188,12 @@ def _crossings(rays: NDArray[np.float64]) -> list[NDArray[np.float64]]:
         origin = np.unique(np.round(rays[:, :2] / VOTE_M).astype(int), axis=0, return_inverse=True)[1].ravel()
         votes = np.unique(np.column_stack((place.ravel(), np.repeat(origin, len(steps)))), axis=0)[:, 0]
         counts = np.bincount(votes, minlength=len(cell))
-        if counts.max() < FEWEST_RAYS:
+        if counts.max() < FEWEST_PLACES:
             break
         spot = cell[counts == counts.max()].mean(axis=0) * VOTE_M
         off = np.abs(np.cos(rays[:, 2]) * (spot[1] - rays[:, 1]) - np.sin(rays[:, 2]) * (spot[0] - rays[:, 0]))
         if not (off <= SAME_M).any():
             break
-        spots.append(spot)
+        spots.append((spot, rays[off <= SAME_M, :2]))
         rays = rays[off > SAME_M]
     return spots
