@@ -133,7 +133,9 @@ def _offering(camera: SimulatedThetaV, tape_path: str | None) -> Iterator[Callab
 def _picture_source(scenario: Scenario) -> PictureSource:
     if scenario.camera_images is not None:
         return FolderPictureSource(Path(scenario.camera_images), scenario.camera_hz)
-    return RenderedPictureSource(scenario.world, scenario.seed, scenario.target, scenario.camera_hz)
+    return RenderedPictureSource(
+        scenario.world, scenario.seed, scenario.target, scenario.camera_hz, painted=scenario.painted
+    )
 
 
 async def simulate(link: socket.socket) -> None:

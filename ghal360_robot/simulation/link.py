@@ -51,6 +51,8 @@ class Scenario:
     target: str = "backpack"
     camera_hz: float = 12.0
     camera_images: str | None = None
+    painted: bool = True
+    """Things wear the paint of their class, for the `painted` detector, instead of looking natural."""
     lidar_replay: str | None = None
     lidar_dialect: str = "b"
     operator: bool = False
