@@ -159,9 +159,9 @@ class Browser:
         await self._socket.send_json(message)
         return await asyncio.wait_for(answer, ANSWER_S)
 
-    async def tab(self, *, before: str = "", size: tuple[int, int] = (1280, 720)) -> Tab:
-        """A new tab; `before` is a script that runs before any of its pages' own."""
-        made = await self.send("Target.createTarget", {"url": "about:blank"})
+    async def tab(self, *, before: str = "", size: tuple[int, int] = (1280, 720), window: bool = False) -> Tab:
+        """A new tab, or a window; `before` is a script that runs before any of its pages' own."""
+        made = await self.send("Target.createTarget", {"url": "about:blank", "newWindow": window})
         attached = await self.send("Target.attachToTarget", {"targetId": made["targetId"], "flatten": True})
         tab = Tab(self, made["targetId"], attached["sessionId"])
         for domain in ("Page", "Runtime", "Log"):

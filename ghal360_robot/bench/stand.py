@@ -34,7 +34,9 @@ PICTURE = (64, 32)
 class Stand:
     """`base`, a lidar and a camera; `endpoints` says where they listen once the context is entered."""
 
-    def __init__(self) -> None:
+    def __init__(self, film: Sequence[bytes] = ()) -> None:
+        """`film` is a second of access units, shown again and again; without, tiny pictures."""
+        self._units = film
         self.base = TracedBase()
         self.endpoints: Endpoints
         self._lidar = Tim571Simulator(_hall, dialect="b", settings=DeviceSettings(startup_s=0.0))
@@ -52,7 +54,7 @@ class Stand:
             await stack.enter_async_context(self._lidar)
             self._lidar_cable = await stack.enter_async_context(Cable(self._lidar.port))
             usbip = stack.enter_context(UsbIpServer(self._camera))
-            filming = asyncio.create_task(self._film(_pictures()), name="tiny pictures")
+            filming = asyncio.create_task(self._film(self._units or _pictures()), name="pictures")
             stack.callback(filming.cancel)
             self.endpoints = Endpoints(usbip.port, self._lidar_cable.port, self.base.port)
             self._stack = stack.pop_all()

@@ -16,9 +16,11 @@ from rich.table import Table
 from ghal360_robot.bench import log as logging
 from ghal360_robot.bench import stop as stopping
 from ghal360_robot.bench import tick as ticking
+from ghal360_robot.cli import page
 from ghal360_robot.errors import GhalError, UsageError
 
 app = typer.Typer(help="The robot's budgets, measured on this machine; exit status 1 where one is missed.")
+app.command("page")(page.page)
 
 AsJson = Annotated[bool, typer.Option("--json", help="One JSON object on the last line of stdout")]
 

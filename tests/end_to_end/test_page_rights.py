@@ -277,12 +277,14 @@ async def test_a_slow_link_costs_whole_groups_of_pictures_and_locks_driving() ->
         await tab.until("(globalThis.telepresence?.delays?.length ?? 0) > 0", "a first picture", 60)
         await takes_the_controls(tab)
         await tab.key("down", "f")
+        await asyncio.sleep(2.0)  # the page itself came over this link as well
+        first = await tab.evaluate("telepresence.delays.length")
         await asyncio.sleep(12.0)
         inside = await tab.evaluate("(({delays, dropped, quality}) => ({delays, dropped, quality}))(telepresence)")
         banners = await tab.evaluate(text("#banners"))
-    delays = sorted(inside["delays"])
+    delays = inside["delays"][first:]
     assert len(delays) >= 8
-    assert delays[-1] < 1000, delays
+    assert max(delays) < 1000, delays
     assert inside["quality"]["dropped"] > 100
     assert "driving is locked" in banners
     assert any(lock["engaged"] for lock in stand.said("lock")[-30:])

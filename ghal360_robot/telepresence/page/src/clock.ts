@@ -8,12 +8,15 @@ interface Sample {
 }
 
 export class RobotClock {
+  /** Called with every round trip. */
+  onRoundTrip: (ms: number) => void = () => undefined;
   private samples: Sample[] = [];
 
   /** One answered ping: our `performance.now()` before and after, the robot's microseconds in between. */
   note(t0: number, receivedUs: number, sentUs: number, t3: number): void {
     const roundTripMs = t3 - t0 - (sentUs - receivedUs) / 1000;
     const offsetUs = (receivedUs + sentUs) / 2 - ((t0 + t3) / 2) * 1000;
+    this.onRoundTrip(roundTripMs);
     this.samples = [...this.samples.slice(1 - SAMPLES), { roundTripMs, offsetUs }];
   }
 

@@ -20,6 +20,8 @@ const REFUSED_MS = 4000;
 const STATE_STALE_MS = 1000;
 /** How often the robot hears which picture is shown. */
 const SHOWN_MS = 40;
+/** Samples of each delay that are kept. */
+const MEASURED = 2000;
 
 const STREAM_WORDS: Record<StreamName, string> = {
   camera: "the camera's own",
@@ -61,6 +63,10 @@ class Page {
   private allBoxes = false;
   private cueShown: State["cue"] = "none";
   private readonly xr: Headset;
+  /** Milliseconds, newest last: from a picture's arrival at the robot to its decoding and drawing; round trips. */
+  private readonly meter = { decoded: [] as number[], drawn: [] as number[], roundTrips: [] as number[] };
+  /** Of each cue, from the decision to the frame that shows it. */
+  private readonly cues: { cue: string; ms: number }[] = [];
 
   private constructor(
     private readonly world: World,
@@ -70,6 +76,10 @@ class Page {
     this.xr = headset(this);
     this.drive.heading = () => wrap(this.gaze.yaw - world.baseYaw);
     this.drive.onChange = () => this.hudMs = 0;
+    this.control.clock.onRoundTrip = (ms) => this.measure("roundTrips", ms);
+    this.video.onDecoded = (captureUs) => {
+      if (this.control.clock.known) this.measure("decoded", (this.control.clock.nowUs() - captureUs) / 1000);
+    };
     this.control.onLost = () => this.lost();
     this.control.onTrouble = (words, loginNeeded) => this.troubled(words, loginNeeded);
     this.gaze.onZoom = () => this.zoomed();
@@ -89,7 +99,7 @@ class Page {
     return page;
   }
 
-  /** What tests look at; nothing of the page itself uses it. */
+  /** What tests and the bench look at; nothing of the page itself uses it. */
   get inside(): Record<string, unknown> {
     return {
       yaw: this.gaze.yaw,
@@ -109,14 +119,22 @@ class Page {
       right: this.drive.right,
       conn: this.control.conn,
       mode: this.gaze.mode,
-      delays: this.delays,
+      delays: this.meter.drawn,
       cues: this.cues,
+      measured: () => ({ ...this.meter, dropped: this.video.dropped + (this.quality?.dropped ?? 0) }),
+      forget: () => this.forget(),
     };
   }
 
-  /** From a picture's arrival at the robot to its decoded frame here, and of cues to their being shown; newest last. */
-  private readonly delays: number[] = [];
-  private readonly cues: { cue: string; ms: number }[] = [];
+  private forget(): void {
+    for (const values of Object.values(this.meter)) values.length = 0;
+  }
+
+  private measure(what: keyof typeof this.meter, ms: number): void {
+    const values = this.meter[what];
+    values.push(ms);
+    if (values.length > MEASURED) values.shift();
+  }
 
   private async begin(): Promise<void> {
     const token = new URLSearchParams(location.hash.slice(1)).get("token");
@@ -230,8 +248,7 @@ class Page {
       this.world.show(picture);
       this.shown(picture.sequence, timeMs);
       if (this.control.clock.known) {
-        this.delays.push((this.control.clock.nowUs() - picture.captureUs) / 1000);
-        if (this.delays.length > 2000) this.delays.shift();
+        this.measure("drawn", (this.control.clock.nowUs() - picture.captureUs) / 1000);
       }
       if (this.unwound) this.world.baseYaw = this.trail.at(picture.captureUs);
     }

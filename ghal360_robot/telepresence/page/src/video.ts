@@ -26,6 +26,8 @@ export class Video {
   /** Since the socket opened, nothing could be shown yet. */
   waiting = true;
   error = "";
+  /** Called for every decoded picture with its capture's instant. */
+  onDecoded: (captureUs: number) => void = () => undefined;
   private socket: WebSocket | undefined;
   private decoder: VideoDecoder | undefined;
   private codec = "";
@@ -156,6 +158,7 @@ export class Video {
       return;
     }
     this.captures.delete(sequence);
+    this.onDecoded(about.captureUs);
     this.show({ image: frame, sequence, ...about });
   }
 

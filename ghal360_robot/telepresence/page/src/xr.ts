@@ -45,12 +45,15 @@ export class Headset {
   }
 
   private hands(session: XRSession): void {
+    if ([...session.inputSources].some(({ gamepad }) => gamepad?.buttons[1]?.pressed === true)) {
+      this.release();
+      this.drive.estop();
+      return;
+    }
     let pressed = false;
     let stick: ReturnType<typeof stickOf> = null;
     for (const { gamepad } of session.inputSources) {
-      if (gamepad === undefined) continue;
-      if (gamepad.buttons[1]?.pressed) this.drive.estop();
-      if (!gamepad.buttons[0]?.pressed) continue;
+      if (!gamepad?.buttons[0]?.pressed) continue;
       pressed = true;
       stick ??= stickOf(gamepad.axes[2] ?? 0, gamepad.axes[3] ?? 0);
     }
