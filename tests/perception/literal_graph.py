@@ -52,7 +52,7 @@ def execute(model: bytes, data: bytes, picture: np.ndarray) -> dict[str, np.ndar
     return {name: values["tower_0/" + name] for name in ("keypoints", "wh", "detections")}
 
 
-def step(op: str, inputs: list[np.ndarray], attr: dict[str, Any]) -> Any:
+def step(op: str, inputs: list[np.ndarray], attr: dict[str, Any]) -> Any:  # noqa: PLR0911 - one for each operation
     binary = {"Add": np.add, "Sub": np.subtract, "Mul": np.multiply, "Equal": np.equal}
     binary |= {"FloorDiv": np.floor_divide, "FloorMod": np.mod}
     if op in binary:

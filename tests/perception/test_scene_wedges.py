@@ -147,3 +147,49 @@ def test_the_target_s_direction_survives_any_base_yaw(yaw_deg: float, base_yaw: 
 def test_a_flood_of_detections_is_bounded() -> None:
     flood = [("vase", i % 360 - 180, 0.5 + i / 10_000) for i in range(5000)]
     assert len(look(*flood).objects) <= 256
+
+
+@pytest.mark.parametrize("border", range(8))
+@pytest.mark.parametrize("aside_deg", [-1e-3, 0.0, 1e-3])
+@pytest.mark.parametrize("gaze_wedge", range(8))
+def test_at_every_border_an_object_is_in_exactly_one_wedge_and_a_border_belongs_to_its_right(
+    border: int, aside_deg: float, gaze_wedge: int
+) -> None:
+    bearing_deg = 45 * border + 22.5 + aside_deg  # clockwise; the border between wedges `border` and `border` + 1
+    view = view_of(look(("bin", -bearing_deg, 0.9), ("vase", -bearing_deg, 0.9)), "bin", 0.0)
+    expected = (border + (aside_deg >= 0)) % 8
+    assert [wedge for wedge, value in enumerate(view.allocentric) if value] == [expected]
+    assert view.allocentric[expected] == BOTH
+    seen_from_gaze = view.egocentric(radians(-45 * gaze_wedge))
+    assert seen_from_gaze[(expected - gaze_wedge) % 8] == BOTH
+    assert sum(seen_from_gaze) == BOTH
+
+
+@pytest.mark.parametrize("border", range(8))
+@pytest.mark.parametrize(("aside_deg", "right"), [(-1e-3, 0), (0.0, 1), (1e-3, 1)])
+def test_a_gaze_on_a_border_rests_on_the_wedge_to_its_right(border: int, aside_deg: float, right: int) -> None:
+    gaze_deg = 45 * border + 22.5 + aside_deg
+    view = view_of(look(("bin", -45.0 * (border + right), 0.9)), "bin", 0.0)
+    assert view.egocentric(-radians(gaze_deg))[0] == TARGET
+
+
+@given(st.lists(st.tuples(st.sampled_from(("bin", "vase")), st.floats(-720, 720)), max_size=20), st.floats(-50, 50))
+def test_the_state_is_total_and_turns_with_the_gaze(objects: list[tuple[str, float]], gaze: float) -> None:
+    view = view_of(look(*((name, yaw, 0.9) for name, yaw in objects)), "bin", 0.0)
+    values = view.egocentric(gaze)
+    assert sorted(values) == sorted(view.allocentric)
+    assert all(value in (0, CLUTTER, TARGET, BOTH) for value in values)
+
+
+def test_evidence_by_wedge_is_there_before_the_target_is_believed() -> None:
+    view = view_of(look(("bin", 90, 0.3)), "bin", 0.0)
+    assert view.target_yaw is None
+    assert view.evidence == (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, pytest.approx(0.3), 0.0)
+    assert view.allocentric == (0,) * 8
+
+
+def test_synonyms_name_one_target() -> None:
+    state = look(("tv", 90, 0.9), ("cup", 0, 0.9))
+    views = [view_of(state, name, 0.0) for name in ("tv", "television", "monitor", "TV")]
+    assert [view.target_yaw for view in views] == [pytest.approx(pi / 2)] * 4
+    assert view_of(state, "laptop", 0.0).target_yaw is None
