@@ -26,6 +26,7 @@ from ghal360_robot.perception.tracking import (
 
 SETTINGS = TrackSettings()
 S = 1_000_000_000
+HERE = Pose2()
 
 
 def picture(t_s: float, *objects: tuple[str, float, float]) -> Detections:
@@ -34,7 +35,7 @@ def picture(t_s: float, *objects: tuple[str, float, float]) -> Detections:
     return Detections(round(t_s * S), 0, "test", found)
 
 
-def scan(points: list[tuple[float, float]], pose: Pose2 = Pose2()) -> Standpoint:
+def scan(points: list[tuple[float, float]], pose: Pose2 = HERE) -> Standpoint:
     """A standpoint whose scan met these points of the odometry frame."""
     table = np.array(points, np.float64).reshape(-1, 2) - (pose.x, pose.y)
     c, s = cos(-pose.yaw), sin(-pose.yaw)

