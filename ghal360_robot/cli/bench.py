@@ -100,9 +100,7 @@ def log(
     Example: ghal360 bench log --json
     """
     console = Console(stderr=True, highlight=False, quiet=as_json)
-    cost = logging.measure(
-        seconds, picture_hz=picture_hz, mbit_s=mbit_s, live_port=live_port, say=console.print
-    )
+    cost = logging.measure(seconds, picture_hz=picture_hz, mbit_s=mbit_s, live_port=live_port, say=console.print)
     if as_json:
         print(json.dumps({**cost.to_json(), "machine": stopping.machine()}))
     else:

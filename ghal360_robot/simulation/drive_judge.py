@@ -2,8 +2,8 @@
 
 A contact is the robot's disc touching a wall, furniture, or a person's body disc. At its first instant it is
 - the robot's OWN MOTION, if it touches something that stands still for ever, or if it moves towards the person
-  at more than `TOWARDS_MPS` and the lidar had seen the person for longer than the robot needs to stop,
-  counted from the speed that it had when the person came into sight: had it braked then, it would stand;
+  at more than `TOWARDS_MPS` and the lidar had seen the person for longer than the robot needs to tell somebody who
+  walks from furniture and to stop, counted from the speed that it had when the person came into sight;
 - OUT OF HIDING, if it moves towards the person, who was not in sight for so long (behind a corner, a desk, or in
   the quarter behind the robot where the lidar is blind);
 - STEPPED IN, if all of that holds, but at the last instant at which braking helped the person was standing, and had
@@ -37,6 +37,9 @@ TOWARDS_MPS = 0.02
 """Slower than this towards somebody is standing."""
 SEEN_BEAMS = 2
 """Beams of a scan that have to end on somebody's legs for them to be in sight; one alone may be dust."""
+NOTICE_S = 0.3
+"""To see that somebody walks, who was not in sight before, takes three scans: two with them elsewhere than in one 0.2 s
+older (`safety.people`)."""
 SIGHT_LOST_S = 0.25
 """Not seen for so long: out of sight. A leg behind the other, or three scans."""
 MEMORY_S = 3.0
@@ -90,7 +93,7 @@ class Contact:
     seen_s: float
     """How long the person had been in sight."""
     need_s: float
-    """How long the robot needs to stop: reaction and braking."""
+    """How long the robot needs to notice, react and brake."""
     bearing_deg: float
     """Where it touches, from straight ahead; of what stands only whether ahead (0) or behind (180)."""
     foreseeable: bool = True
@@ -152,7 +155,7 @@ class ContactJudge:
         person = -float(crowd.velocity[i, 0] * nx + crowd.velocity[i, 1] * ny)
         in_sight = now_s - self._last_s[i] <= SIGHT_LOST_S
         seen_s = now_s - float(self._first_s[i]) if in_sight else 0.0
-        need_s = self._reaction_s + float(self._speed_then[i] if in_sight else abs(towards)) / self._decel
+        need_s = NOTICE_S + self._reaction_s + float(self._speed_then[i] if in_sight else abs(towards)) / self._decel
         foreseeable, stood = self._before(now_s, i, float(crowd.radius[i]))
         fault = Fault.WALKED_INTO
         if towards > TOWARDS_MPS and seen_s <= need_s:

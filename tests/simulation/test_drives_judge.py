@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ghal360_robot.messages import Pose2, Twist
-from ghal360_robot.simulation.drive_judge import Contact, ContactJudge, Fault, StandstillJudge
+from ghal360_robot.simulation.drive_judge import NOTICE_S, Contact, ContactJudge, Fault, StandstillJudge
 from ghal360_robot.simulation.walkers import Crowd, Moving
 from ghal360_robot.simulation.world import ROBOT_RADIUS_M, World, build_world
 
@@ -57,8 +57,8 @@ def meeting(v: float, speed: float, *, seen_for_s: float, starts_v: float | None
     ("v", "seen_for_s", "fault"),
     [
         (0.3, 2.0, Fault.OWN_MOTION),
-        (0.3, 0.6, Fault.OUT_OF_HIDING),  # needs 0.25 + 0.3 / 0.5 = 0.85 s
-        (0.3, 1.0, Fault.OWN_MOTION),
+        (0.3, 1.0, Fault.OUT_OF_HIDING),  # needs 0.3 + 0.25 + 0.3 / 0.5 = 1.15 s
+        (0.3, 1.3, Fault.OWN_MOTION),
         (0.3, 0.0, Fault.OUT_OF_HIDING),
         (0.0, 2.0, Fault.WALKED_INTO),
         (0.01, 2.0, Fault.WALKED_INTO),
@@ -76,8 +76,8 @@ def test_a_contact_is_blamed_on_who_could_have_avoided_it(v: float, seen_for_s: 
 
 
 def test_a_robot_that_sped_up_towards_somebody_in_sight_has_no_excuse() -> None:
-    (contact,) = meeting(0.4, 0.5, seen_for_s=0.5, starts_v=0.0)
-    assert contact.need_s == pytest.approx(REACTION_S)
+    (contact,) = meeting(0.4, 0.5, seen_for_s=0.7, starts_v=0.0)
+    assert contact.need_s == pytest.approx(NOTICE_S + REACTION_S)
     assert contact.fault is Fault.OWN_MOTION
 
 
@@ -89,9 +89,7 @@ def test_one_contact_counts_once_until_both_have_parted() -> None:
     assert [contact.at_s for contact in judge.contacts] == [pytest.approx(DT_S), pytest.approx(6 * DT_S)]
 
 
-@pytest.mark.parametrize(
-    ("pace", "fault"), [(0.0, Fault.STEPPED_IN), (0.1, Fault.STEPPED_IN), (0.2, Fault.OWN_MOTION)]
-)
+@pytest.mark.parametrize(("pace", "fault"), [(0.0, Fault.STEPPED_IN), (0.1, Fault.STEPPED_IN), (0.2, Fault.OWN_MOTION)])
 def test_who_stands_beside_the_way_and_steps_into_it_when_it_is_too_late_causes_the_contact(
     pace: float, fault: Fault
 ) -> None:
