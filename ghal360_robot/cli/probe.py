@@ -163,6 +163,7 @@ async def _probe_camera(
         "damaged": stats.damaged,
         "tainted": stats.tainted,
         "dropped": stats.dropped,
+        "restarts": stats.restarts,
         "battery_percent": stats.battery_percent,
         "charging": stats.charging,
         "faults": list(stats.faults),

@@ -173,10 +173,8 @@ class AttachedTransport(OpenedCamera):
                 burst = port.isochronous(endpoint, PACKETS_PER_BATCH, start)
             except ThetaGone:
                 return  # the watch on the cable tells the driver
-            carried: list[tuple[int, Packet]] = [
-                (slot, (status, data[:packet_bytes])) for slot, status, data in burst.packets
-            ]
-            packets = pauses.marked(carried, PACKETS_PER_BATCH)
+            carried: list[Packet] = [(status, data[:packet_bytes]) for _, status, data in burst.packets]
+            packets = pauses.marked([slot for slot, _, _ in burst.packets], carried, PACKETS_PER_BATCH)
             if packets:
                 on_packets(time.monotonic_ns(), packets)
             start = end if wait_ns > -MAX_BEHIND_NS else time.monotonic_ns()

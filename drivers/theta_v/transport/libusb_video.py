@@ -169,14 +169,17 @@ class VideoTransfers:
             payload = bytes(transfer.getBuffer()[: transfer.getActualLength()])
             return [(status, payload)] if payload or status else []
         table = self._tables[id(transfer)]
-        carried: list[tuple[int, Packet]]
+        carried: list[Packet]
         if table is None:
-            carried = [(slot, packet) for slot, packet in enumerate(transfer.iterISO()) if packet[0] or packet[1]]
+            every = list(transfer.iterISO())
+            slots = [slot for slot, (failed, data) in enumerate(every) if failed or data]
+            carried = [every[slot] for slot in slots]
         else:
             buffer, step = transfer.getBuffer(), self._packet_bytes
             found = np.flatnonzero(table[:, 1] | table[:, 2])
+            slots = found.tolist()
             carried = [
-                (slot, (failed, bytes(buffer[slot * step : slot * step + length])))
-                for slot, (length, failed) in zip(found.tolist(), table[found, 1:].tolist(), strict=True)
+                (failed, bytes(buffer[slot * step : slot * step + length]))
+                for slot, (length, failed) in zip(slots, table[found, 1:].tolist(), strict=True)
             ]
-        return self._pauses.marked(carried, self._packets_each)
+        return self._pauses.marked(slots, carried, self._packets_each)

@@ -18,17 +18,21 @@ class Pauses:
     def __init__(self) -> None:
         self._empty = False
 
-    def marked(self, packets: list[tuple[int, Packet]], count: int) -> list[Packet]:
-        """The packets of a transfer of `count` microframes, each behind its number; none of them is empty and good."""
-        found: list[Packet] = []
-        following = 0
-        for slot, packet in packets:
-            if slot > following or self._empty:
+    def marked(self, slots: list[int], packets: list[Packet], count: int) -> list[Packet]:
+        """The packets of a transfer of `count` microframes, `slots` their numbers; none of them is empty and good."""
+        if not packets:
+            self._empty = self._empty or count > 0
+            return []
+        found: list[Packet] = [NOTHING] if self._empty or slots[0] else []
+        self._empty = slots[-1] < count - 1
+        if slots[-1] - slots[0] == len(slots) - 1:
+            return found + packets
+        before = slots[0]
+        for slot, packet in zip(slots, packets, strict=True):
+            if slot > before + 1:
                 found.append(NOTHING)
-                self._empty = False
             found.append(packet)
-            following = slot + 1
-        self._empty = self._empty or following < count
+            before = slot
         return found
 
 

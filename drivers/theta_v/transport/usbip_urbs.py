@@ -173,12 +173,12 @@ class Urbs:
         if int(lengths.sum()) != body or int(lengths.max()) > video.packet_bytes:
             raise ThetaMalformed(f"the {self._server} sends packets that do not add up")
         found = np.flatnonzero(lengths | table[:, 3])
-        carried: list[tuple[int, Packet]] = []
+        carried: list[Packet] = []
         at = 0
-        for slot, (size, status) in zip(found.tolist(), table[found, 2:4].astype(np.int32).tolist(), strict=True):
-            carried.append((slot, (status, payload[at : at + size])))
+        for size, status in table[found, 2:4].astype(np.int32).tolist():
+            carried.append((status, payload[at : at + size]))
             at += size
-        packets = video.pauses.marked(carried, video.packets)
+        packets = video.pauses.marked(found.tolist(), carried, video.packets)
         if answer.sequence in video.after_gap:
             video.after_gap.discard(answer.sequence)
             packets.insert(0, (RAN_DRY, b""))

@@ -20,7 +20,8 @@ def test_each_run_of_empty_microframes_is_marked_once_wherever_transfers_are_cut
     pauses = Pauses()
     found: list[Packet] = []
     for transfer in transfers:
-        found += pauses.marked([(slot, (0, b"x")) for slot, full in enumerate(transfer) if full], 4)
+        slots = [slot for slot, full in enumerate(transfer) if full]
+        found += pauses.marked(slots, [(0, b"x")] * len(slots), 4)
     expected: list[Packet] = []
     for full in [slot for transfer in transfers for slot in transfer]:
         if full or not expected or expected[-1] != NOTHING:
