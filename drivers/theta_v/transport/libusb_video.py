@@ -15,7 +15,7 @@ from drivers.theta_v.codec.payload import RAN_DRY, Packet
 from drivers.theta_v.errors import ThetaGone, ThetaMalformed, ThetaRefused
 from drivers.theta_v.transport import usb1_api
 from drivers.theta_v.transport.base import GoneSink, PacketSink
-from drivers.theta_v.transport.microframes import HELD_UP, Listening, Pauses
+from drivers.theta_v.transport.microframes import Listening, Pauses
 from drivers.theta_v.transport.usb1_api import Handle, Transfer
 
 REAP_S = 2.0  # cancelled transfers come back within a microframe or two
@@ -153,11 +153,8 @@ class VideoTransfers:
         if id(transfer) in self._after_gap:
             self._after_gap.discard(id(transfer))
             packets.insert(0, (RAN_DRY, b""))
-        if self._isochronous:
-            gap_ns = self._listening.gap(stamp_ns)
-            if gap_ns:
-                log.warning(HELD_UP, gap_ns / 1e6)
-                self._after_gap.add(id(transfer))
+        if self._isochronous and self._listening.gap(stamp_ns):
+            self._after_gap.add(id(transfer))
         self._submit(transfer)
         if packets:
             self._sink(stamp_ns, packets)

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import logging
+
 from drivers.theta_v.codec.payload import Packet
 from drivers.theta_v.transport.base import MICROFRAME_NS
 
 NOTHING: Packet = (0, b"")
 
-HELD_UP = "this computer was held up, and for %.0f ms nobody listened to the camera: pictures are lost"
+WARN_EVERY_NS = 10_000_000_000  # one that is held up is held up often, and need not be told each time
 
 RECOVERY = 64  # part of a transfer by which the estimate may catch up with each: far more than clocks drift
+
+
+log = logging.getLogger(__name__)
 
 
 class Pauses:
@@ -48,6 +53,7 @@ class Listening:
         self._transfer_ns = packets * MICROFRAME_NS
         self._queue_ns = transfers * self._transfer_ns
         self._until_ns: int | None = None
+        self._silent_until_ns = 0
 
     def gap(self, now_ns: int) -> int:
         """Nanoseconds for which nobody listened before the transfer that is submitted again at `now_ns`.
@@ -56,6 +62,9 @@ class Listening:
         """
         until_ns = now_ns + self._queue_ns if self._until_ns is None else self._until_ns
         gap_ns = max(0, now_ns - until_ns)
+        if gap_ns and now_ns >= self._silent_until_ns:
+            self._silent_until_ns = now_ns + WARN_EVERY_NS
+            log.warning("this computer was held up; for %.0f ms nobody listened to the camera", gap_ns / 1e6)
         until_ns = max(until_ns, now_ns) + self._transfer_ns
         self._until_ns = min(until_ns + self._transfer_ns // RECOVERY, now_ns + self._queue_ns)
         return gap_ns

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import logging
 import struct
 import threading
 from collections.abc import Callable
@@ -15,11 +14,9 @@ from drivers.theta_v.codec import usbip
 from drivers.theta_v.codec.payload import RAN_DRY, Packet
 from drivers.theta_v.errors import ThetaError, ThetaGone, ThetaMalformed, ThetaStall
 from drivers.theta_v.transport.base import PacketSink
-from drivers.theta_v.transport.microframes import HELD_UP, Listening, Pauses
+from drivers.theta_v.transport.microframes import Listening, Pauses
 
 MAX_URB_ERRORS = 32  # in a row: the endpoint is dead, do not resubmit for ever
-
-log = logging.getLogger(__name__)
 
 Settle = Callable[[bytes | ThetaError], None]
 """Told how a request ended; called in the connection's thread."""
@@ -187,11 +184,8 @@ class Urbs:
     def _ask_video(self, video: Video, now_ns: int | None = None) -> bytes:
         """`now_ns` when a request is made because another ended."""
         sequence = next(self._sequence)
-        if now_ns is not None and video.listening is not None:
-            gap_ns = video.listening.gap(now_ns)
-            if gap_ns:
-                log.warning(HELD_UP, gap_ns / 1e6)
-                video.after_gap.add(sequence)
+        if now_ns is not None and video.listening is not None and video.listening.gap(now_ns):
+            video.after_gap.add(sequence)
         self._pending[sequence] = Pending(True, video.length, video.packets, True, None, "video")
         endpoint = video.endpoint & 0x0F
         head = usbip.Submit(sequence, self._devid, True, endpoint, video.length, video.packets, interval=1)
