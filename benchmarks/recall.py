@@ -226,28 +226,25 @@ def watch_view(
 
 
 def measure(
-    config: RobotConfig, detectors: list[PanoramaDetector], targets: list[str], seeds: range, per_bin: int
+    config: RobotConfig, detectors: list[PanoramaDetector], target: str, seeds: range, per_bin: int
 ) -> list[Row]:
-    """Recall of every detector for every class and distance, in both worlds and together."""
+    """Recall of every detector for one class by distance, in both worlds and together."""
     tallies: dict[Key, Tally] = {}
-    for target, world_name in itertools.product(targets, LAYOUTS):
-        for seed in seeds:
-            world = build_world(world_name, seed, target)
-            renderer = PanoramaRenderer(world)
-            rng = np.random.default_rng([seed, TARGETS.index(target)])
-            for near, far in itertools.pairwise(EDGES_M[target]):
-                for view in views(world, near, far, rng, per_bin):
-                    mine = {
-                        detector.name: [
-                            tallies.setdefault((detector.name, target, name, near, far), Tally())
-                            for name in (world_name, "all")
-                        ]
-                        for detector in detectors
-                    }
-                    watch_view(config, detectors, renderer, view, mine)
-            renderer.close()
-        print(f"{target} in the {world_name}: done", file=sys.stderr)
-    order = sorted(tallies, key=lambda key: (targets.index(key[1]), key[2], key[3]))
+    for world_name, seed in itertools.product(LAYOUTS, seeds):
+        renderer = PanoramaRenderer(build_world(world_name, seed, target))
+        rng = np.random.default_rng([seed, TARGETS.index(target)])
+        for near, far in itertools.pairwise(EDGES_M[target]):
+            for view in views(renderer.world, near, far, rng, per_bin):
+                mine = {
+                    detector.name: [
+                        tallies.setdefault((detector.name, target, name, near, far), Tally())
+                        for name in (world_name, "all")
+                    ]
+                    for detector in detectors
+                }
+                watch_view(config, detectors, renderer, view, mine)
+        renderer.close()
+    order = sorted(tallies, key=lambda key: (key[2], key[3]))
     return [tallies[key].row(*key) for key in order]
 
 
@@ -347,7 +344,10 @@ def main() -> None:
     detectors = [panorama_detector(name, config) for name in asked.detectors]
     began = time.monotonic()
     seeds = range(100, 100 + asked.seeds)
-    rows = measure(config, detectors, asked.targets, seeds, asked.views) if asked.seeds else []
+    rows: list[Row] = []
+    for target in asked.targets if asked.seeds else []:
+        rows += measure(config, detectors, target, seeds, asked.views)
+        print(as_text([row for row in rows if row.name == target]), file=sys.stderr, flush=True)
     wrong = patrol(config, detectors, asked.targets, asked.patrol_s, asked.patrol_seeds) if asked.patrol_s else {}
     print(as_text(rows))
     perception = config.perception.model_dump(
@@ -359,7 +359,8 @@ def main() -> None:
         "seeds": [seeds.start, seeds.stop],
         "views_per_bin": asked.views,
         "detectors": asked.detectors,
-        "command": "python benchmarks/recall.py " + " ".join(sys.argv[1:]),
+        "command": f"python benchmarks/recall.py --seeds {asked.seeds} --views {asked.views} "
+        f"--detectors {' '.join(asked.detectors)} --targets {' '.join(asked.targets)}",
     }
     document = {"config": setup, "config_hash": config_hash(setup), "rows": [asdict(row) for row in rows]}
     if asked.write is not None:

@@ -22,8 +22,10 @@ ALUMINIUM: Colour = (0.70, 0.71, 0.73)
 PROGRAMMES, DESKTOPS = 4, 3
 LID_LEAN = 0.45
 """A laptop's lid leans 26 degrees back, as it does before someone who stands."""
-LEAF_M = 0.25
-"""Depth of a laptop's deck and of its lid; the lid then reaches some centimetres behind the footprint."""
+LEAF_M, LEAF_WIDER = 0.27, 1.10
+"""Depth of a laptop's deck and lid, and how much wider than the footprint they are: a 17 inch one, 0.40 x 0.27 m.
+
+It reaches some centimetres beyond the footprint; each pixel more makes it be found from further away."""
 
 
 def television(f: Frame, o: WorldObject, rng: Generator) -> None:
@@ -42,10 +44,10 @@ def television(f: Frame, o: WorldObject, rng: Generator) -> None:
 
 def laptop(f: Frame, o: WorldObject, rng: Generator) -> None:
     """An open laptop at work: deck with keys and touch pad, hinge, a bright screen in a black frame."""
-    w, d, _h = o.size
+    w, d = o.size[0] * LEAF_WIDER, o.size[1]
     metal = pick(rng, (ALUMINIUM, shade(ALUMINIUM, 1.15), shade(ALUMINIUM, 0.85)))
     shell = Surface("plain", metal)
-    hinge = -d / 2 + LEAF_M - 0.02
+    hinge = -d / 2 + LEAF_M - 0.03
     f.box(0, hinge - LEAF_M / 2, 0, (w, LEAF_M, 0.016), shell, top=Surface("laptop deck", metal))
     lid = f.at(0, hinge, 0.014, pitch=LID_LEAN)
     face = Surface(f"laptop {int(rng.integers(DESKTOPS))}", glows=True)
