@@ -5,12 +5,12 @@ BIN := $(VENV)/bin
 
 PAGE := ghal360_robot/telepresence/page
 
-.PHONY: run test test-logbook lint page test-page test-usb test-usb-short campaign drives fuzz soak soak-lidar mutate pictures clean
+.PHONY: run test detectors test-logbook lint page test-page test-usb test-usb-short campaign drives fuzz soak soak-lidar mutate pictures clean
 
-run: $(VENV)/.installed page
+run: $(VENV)/.installed page $(VENV)/.detectors
 	$(BIN)/ghal360 demo
 
-test: $(VENV)/.installed page lint
+test: $(VENV)/.installed page lint $(VENV)/.detectors
 	$(BIN)/pytest -m "not campaign and not page"
 
 lint: $(VENV)/.installed
@@ -77,6 +77,13 @@ mutate: $(VENV)/.installed
 	@$(BIN)/python -c 'import json; s = json.load(open("mutants/mutmut-cicd-stats.json")); \
 	  share = (s["killed"] + s["timeout"]) / s["total"]; print(f"{share:.1%} noticed"); \
 	  raise SystemExit(share < 0.95)'
+
+# CenterNet's weights from npm (29 MB), kept in the user's cache. Without npm or network this says in one sentence what
+# to do instead, and everything else goes on: the simulated world has a detector of its own.
+detectors: $(VENV)/.detectors
+
+$(VENV)/.detectors: | $(VENV)/.installed
+	@$(BIN)/ghal360 detectors add centernet && touch $@ || true
 
 # The pictures under docs/.
 pictures: $(VENV)/.installed

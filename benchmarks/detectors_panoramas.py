@@ -37,6 +37,8 @@ from ghal360_robot.perception.tiles import PLANS
 SIZE = (1920, 960)
 PHOTO_WIDTH = radians(60)
 LEAST_SCORE = 0.05
+WIDE = "full-wide"
+"""The bare panorama on an input of twice the side, so that its shape costs no pixels: CenterNet only."""
 DATA = Path(__file__).parent.parent.parent / "shared" / "data"
 
 
@@ -164,9 +166,8 @@ def run_composed(arguments: argparse.Namespace, network: Network) -> dict[str, A
     for pitch_deg in (0, -30):
         scenes = composed(arguments.coco, radians(pitch_deg), tuple(arguments.size))
         for plan in arguments.plan:
-            # The whole panorama gets an input of twice the side, so that no pixel is lost to its shape.
-            used = wide(network) if plan == "full" else network
-            detectors = [PanoramaDetector(used, PLANS[plan], min_score=LEAST_SCORE) for _ in scenes]
+            used, chosen = (wide(network), PLANS["full"]) if plan == WIDE else (network, PLANS[plan])
+            detectors = [PanoramaDetector(used, chosen, min_score=LEAST_SCORE) for _ in scenes]
             results = [found_in(each, scene.picture) for each, scene in zip(detectors, scenes, strict=True)]
             ap, ap50 = average_precision(results, scenes)
             report[f"{plan} pitch {pitch_deg}"] = {
@@ -237,7 +238,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("composed", "corridor", "turned"))
     parser.add_argument("--detector", default="centernet")
-    parser.add_argument("--plan", nargs="+", default=["default"], choices=tuple(PLANS))
+    parser.add_argument("--plan", nargs="+", default=["default"], choices=(*PLANS, WIDE))
     parser.add_argument("--coco", type=Path, default=DATA / "coco50")
     parser.add_argument("--panoramas", type=Path, default=DATA / "panoramas")
     parser.add_argument("--size", type=int, nargs=2, default=SIZE)

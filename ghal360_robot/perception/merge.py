@@ -22,6 +22,8 @@ SAME = 0.5
 INSIDE = 0.8
 """A cut box of which this share lies in a kept one is a part of it."""
 
+CUT_WORTH = 0.5
+"""A cut box gives way to a whole one of half its score."""
 KEEP_SHARE = 0.6
 """Of the score that begins an object, what is enough to go on seeing it in the next picture."""
 CONTINUES_YAW = radians(25)
@@ -68,7 +70,7 @@ def merged(found: Iterable[TileBox], shared: float) -> list[TileBox]:
 
     A cut box narrower than `shared` is dropped: its object lies whole in the neighbouring tile.
     """
-    order = sorted(found, key=lambda item: (item.cut, -item.score))
+    order = sorted(found, key=lambda item: -item.score * (CUT_WORTH if item.cut else 1.0))
     kept: list[TileBox] = []
     for item in order:
         if item.cut and item.box.width < shared:

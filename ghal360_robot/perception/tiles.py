@@ -65,15 +65,9 @@ class EquirectTile:
             for x0, y0, x1, y1 in np.asarray(xyxy, np.float64).reshape(-1, 4).tolist()
         )
 
-    def artificial(self) -> tuple[bool, bool, bool, bool]:
-        """Which of its left, top, right and bottom edges cut through what is there (all but those at the poles)."""
-        around = self.width < tau - 1e-9
-        return (
-            around,
-            self.pitch + self.height / 2 < pi / 2 - 1e-9,
-            around,
-            self.pitch - self.height / 2 > 1e-9 - pi / 2,
-        )
+    def cuts(self) -> bool:
+        """Whether its left and right edges cut through what the neighbouring tiles show whole."""
+        return self.width < tau - 1e-9
 
     def turned(self, yaw: float) -> EquirectTile:
         return replace(self, yaw=wrap(self.yaw + yaw))
@@ -119,9 +113,9 @@ class PerspectiveTile:
         """
         return tuple(self._box(*corners) for corners in np.asarray(xyxy, np.float64).reshape(-1, 4).tolist())
 
-    def artificial(self) -> tuple[bool, bool, bool, bool]:
-        """All four edges cut through what is there."""
-        return True, True, True, True
+    def cuts(self) -> bool:
+        """Whether its left and right edges cut through what the neighbouring tiles show whole."""
+        return True
 
     def turned(self, yaw: float) -> PerspectiveTile:
         return replace(self, yaw=wrap(self.yaw + yaw))

@@ -43,12 +43,12 @@ def test_two_tiles_on_one_object_give_one_box_over_the_seam_too() -> None:
 
 
 def test_a_whole_box_wins_over_a_better_one_that_is_cut() -> None:
-    whole, part = TileBox("bed", 0.4, box(0, 50), cut=False), TileBox("bed", 0.9, box(-10, 35), cut=True)
+    whole, part = TileBox("bed", 0.5, box(0, 50), cut=False), TileBox("bed", 0.9, box(-10, 35), cut=True)
     assert merged([part, whole], SHARED) == [whole]
 
 
 def test_a_cut_piece_that_lies_in_a_kept_box_is_a_part_of_it_and_a_narrow_one_is_nothing() -> None:
-    whole = TileBox("bed", 0.4, box(0, 80), cut=False)
+    whole = TileBox("bed", 0.5, box(0, 80), cut=False)
     assert merged([whole, TileBox("bed", 0.9, box(15, 40), cut=True)], SHARED) == [whole]
     assert merged([TileBox("bed", 0.9, box(15, 20), cut=True)], SHARED) == []
 

