@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING
 
 from calibration.mounting import CameraMount, LidarMount
 from ghal360_robot.brain import Brain
+from ghal360_robot.errors import UsageError
+from ghal360_robot.guidance.belief import DetectorModel
+from ghal360_robot.guidance.online import LearnedPolicy, Learning, OnlineLearner
 from ghal360_robot.guidance.policy import make_policy
 from ghal360_robot.intent.controller import DriveSettings
 from ghal360_robot.intent.exact import ExactFilter
@@ -30,6 +33,7 @@ from ghal360_robot.safety.mux import AUTONOMY, TELEOP, TEST, LockRule, Source
 
 if TYPE_CHECKING:
     from ghal360_robot.config import RobotConfig, SafetySection
+    from ghal360_robot.guidance.saved import SavedPolicy
 
 COMFORT_M = 0.12
 """Kept beside the footprint where there is room."""
@@ -166,8 +170,23 @@ def track_settings(config: RobotConfig) -> TrackSettings:
     )
 
 
-def make_brain(config: RobotConfig) -> Brain:
-    safety = config.safety
+def _fusion(config: RobotConfig) -> DetectorModel | None:
+    """None where a picture is searched in parts by turns: not finding the target in a part says little."""
+    if not config.guidance.sure or PLANS[config.perception.plan].one_a_turn:
+        return None
+    return DetectorModel(sure=config.guidance.sure)
+
+
+def make_brain(config: RobotConfig, known: SavedPolicy | None = None) -> Brain:
+    """`known` is what is known of this operator, or the policy to use with `policy = "learned"`.
+
+    Raises UsageError where the learned policy is asked for and there is none.
+    """
+    safety, guidance = config.safety, config.guidance
+    if guidance.policy == "learned" and known is None:
+        raise UsageError("guidance.policy is 'learned': name the file of it with guidance.memory")
+    learned = guidance.policy == "learned" and known is not None
+    learner = None if guidance.learn == "off" else OnlineLearner(Learning(guidance.learn))
     tight = safety.margin_m + TIGHT_M
     outline_m = max(math.hypot(x, y) + radius for x, y, radius in safety.footprint)
     steering = SteeringSettings(radius_m=outline_m, margins_m=(max(COMFORT_M, tight), tight))
@@ -175,7 +194,10 @@ def make_brain(config: RobotConfig) -> Brain:
     trigger = TriggerSettings(threshold, RELEASE if threshold >= RELEASE else None, STEADY_S)
     return Brain(
         target=canonical(config.perception.target),
-        policy=make_policy(config.guidance.policy),
+        policy=LearnedPolicy(known.q) if learned and known is not None else make_policy(guidance.policy),
+        fusion=_fusion(config),
+        learner=learner,
+        known=None if known is None else known.learnt,
         scene=track_settings(config),
         intent=ExactFilter(trigger=trigger),
         drive=DriveSettings(v_max=safety.v_max, w_max=safety.w_max, steering=steering),

@@ -10,13 +10,16 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from ghal360_robot.angles import wrap
+from ghal360_robot.guidance.belief import DetectorModel, TargetBelief, in_focus, look
 from ghal360_robot.guidance.cueing import CueSettings, CueState, step_cue
-from ghal360_robot.guidance.egocentric import EMPTY, N_WEDGES
-from ghal360_robot.guidance.policy import Policy, make_policy
+from ghal360_robot.guidance.egocentric import EMPTY, N_WEDGES, wedge_of
+from ghal360_robot.guidance.online import Learnt, OnlineLearner, OnlineState
+from ghal360_robot.guidance.policy import NOTHING, Policy, make_policy
 from ghal360_robot.intent.controller import DriveSettings, DriveState, step_drive
 from ghal360_robot.intent.exact import ExactFilter, IntentState
 from ghal360_robot.intent.head_motion import HeadSettings, HeadState, step_head
 from ghal360_robot.messages import STILL, Cue, Decision, Twist
+from ghal360_robot.perception.names import canonical
 from ghal360_robot.perception.tracking import Standpoint, TrackSettings
 from ghal360_robot.perception.wedges import Scene, SceneState, scene, step_scene
 from ghal360_robot.trail import Trail
@@ -47,6 +50,9 @@ class BrainState:
     drive: DriveState = DriveState()
     ignoring: tuple[int, int] | None = None
     """The intention that has been held since an instant (ns) while a left or right cue was shown."""
+    target: TargetBelief = TargetBelief()
+    online: OnlineState | None = None
+    """What is being learned from this operator; None before the first tick, and without a learner."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +68,11 @@ class Brain:
     intent: ExactFilter = ExactFilter()
     drive: DriveSettings = DriveSettings()
     drive_while_guiding: bool = False
+    fusion: DetectorModel | None = None
+    """With it, the operator is asked to confirm only what the fused detections make nearly sure."""
+    learner: OnlineLearner | None = None
+    """With it, guidance is learned from the operator, epoch by epoch, beginning with what is known."""
+    known: Learnt | None = None
     cue_patience_s: float = PATIENCE_S
     """A gaze held for so long against a left or right cue overrules it, or robot and operator wait for each other."""
 
@@ -71,8 +82,12 @@ class Brain:
         state, seen = self._look(state, inputs)
         gaze = _gaze(state.trail, inputs)
         state = self._follow_head(state, inputs, gaze)
-        cue = step_cue(self.policy, self.cueing, state.cue, seen.allocentric, gaze, inputs.stamp_ns)
-        state = replace(state, cue=cue, ignoring=self._ignoring(state, cue.cue, inputs.stamp_ns))
+        policy, online = self._policy(state)
+        cue = step_cue(policy, self.cueing, state.cue, seen.allocentric, gaze, inputs.stamp_ns)
+        state = replace(state, cue=cue)
+        cue = self._unless_unsure(state, cue, seen, inputs.stamp_ns)
+        state = self._learn(replace(state, online=online), cue, inputs)
+        state = replace(state, ignoring=self._ignoring(state, cue.cue, inputs.stamp_ns))
         state, wanted, reasons = self._want(state, inputs, gaze, cue.cue)
         return state, Decision(
             cue=cue.cue,
@@ -96,6 +111,14 @@ class Brain:
         )
         remembered = step_scene(self.scene, state.scene, found, standpoint, inputs.stamp_ns)
         state = replace(state, scene=remembered)
+        if self.fusion is not None and found is not None and self.target:
+            pose = standpoint.pose
+            wedges = tuple(
+                wedge_of(-wrap(pose.yaw + item.yaw))
+                for item in found.objects
+                if canonical(item.name) == self.target and item.score >= self.scene.confirm
+            )
+            state = replace(state, target=look(self.fusion, state.target, wedges, (pose.x, pose.y), found.stamp_ns))
         if not self.target:
             return state, NO_SCENE
         return state, scene(self.scene, remembered, self.target, state.trail.at(inputs.stamp_ns))
@@ -116,6 +139,27 @@ class Brain:
             return replace(state, head=head)
         dt_s = min((head.stamp_ns - before) / 1e9, MAX_SILENCE_S)
         return replace(state, head=head, intent=self.intent.step(state.intent, head.evidence, dt_s))
+
+    def _policy(self, state: BrainState) -> tuple[Policy, OnlineState | None]:
+        """The policy of this tick: as configured, or as learned so far."""
+        if self.learner is None:
+            return self.policy, None
+        online = state.online or self.learner.begin(self.known)
+        return self.learner.policy(online), online
+
+    def _unless_unsure(self, state: BrainState, cue: CueState, seen: Scene, now_ns: int) -> CueState:
+        """The cue, but nothing in place of a question that the detections do not bear out yet."""
+        if self.fusion is None or cue.cue is not Cue.CONFIRM or cue.head_wedge is None:
+            return cue
+        bearing = None if seen.target_yaw is None else -wrap(seen.target_yaw + state.trail.at(now_ns).yaw)
+        sure = in_focus(state.target, cue.head_wedge, bearing) >= self.fusion.sure
+        return cue if sure else replace(cue, advice=NOTHING)
+
+    def _learn(self, state: BrainState, cue: CueState, inputs: Inputs) -> BrainState:
+        if self.learner is None or state.online is None:
+            return state
+        presses = None if inputs.operator is None else inputs.operator.found_presses
+        return replace(state, online=self.learner.step(state.online, cue, presses, inputs.stamp_ns))
 
     def _ignoring(self, state: BrainState, cue: Cue, now_ns: int) -> tuple[int, int] | None:
         intention = self.intent.intention(state.intent)

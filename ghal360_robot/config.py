@@ -140,9 +140,16 @@ class PerceptionSection(_Section):
 
 
 class GuidanceSection(_Section):
-    policy: Literal["plan", "rule", "fgs", "fgs-right", "fgs-clutter", "none"] = Field(
-        "plan", description="How cues are chosen"
+    policy: Literal["plan", "rule", "fgs", "fgs-right", "fgs-clutter", "none", "learned"] = Field(
+        "plan", description="How cues are chosen; learned: the values in memory"
     )
+    sure: float = Field(
+        0.97, ge=0, lt=1, description="Belief in the target from which the operator is asked to confirm; 0: ask at once"
+    )
+    learn: Literal["off", "rates", "values"] = Field(
+        "off", description="Learn from the operator: how reliably arrows are followed, or the values of cues"
+    )
+    memory: str = Field("", description="File of what is known of this operator, read at the start, written at the end")
 
 
 class IntentSection(_Section):

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from ghal360_robot.atomic import write_atomically
 from ghal360_robot.errors import GhalError, UsageError
 from ghal360_robot.guidance.saved import MAX_BYTES, PolicyFormatError, SavedPolicy, from_bytes, to_bytes
 
-if TYPE_CHECKING:
-    from pathlib import Path
+KNOWN = "guidance.json"
+"""In a run's folder: what the run began with, for its replay."""
 
 
 def load_policy(path: Path) -> SavedPolicy:
@@ -29,3 +29,9 @@ def save_policy(path: Path, policy: SavedPolicy) -> None:
         write_atomically(path, to_bytes(policy))
     except OSError as error:
         raise GhalError(f"cannot write the policy {path}: {error.strerror}") from error
+
+
+def known_before(memory: str) -> SavedPolicy | None:
+    """What is in the file named by `guidance.memory`; None where there is no such file yet, or none is named."""
+    path = Path(memory).expanduser()
+    return load_policy(path) if memory and path.exists() else None

@@ -13,6 +13,7 @@ import logging
 import sys
 import time
 from contextlib import AsyncExitStack
+from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from ghal360_robot import __version__
@@ -29,6 +30,7 @@ from ghal360_robot.assembly import (
 from ghal360_robot.board import Board, make_board
 from ghal360_robot.brain import BrainState
 from ghal360_robot.errors import GhalError
+from ghal360_robot.guidance.saved import SavedPolicy
 from ghal360_robot.hardware.base import BaseOutput
 from ghal360_robot.hardware.camera import CameraInput
 from ghal360_robot.hardware.lidar import LidarInput
@@ -41,12 +43,12 @@ from ghal360_robot.loop import ControlLoop
 from ghal360_robot.perception.decode import Picture, PictureDecoder
 from ghal360_robot.perception.detection_worker import DetectionWorker
 from ghal360_robot.perception.detectors.base import make_detector
+from ghal360_robot.policy_file import KNOWN, known_before, save_policy
 from ghal360_robot.safety.chain import SafetyState
 from ghal360_robot.systemd import Notifier
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     from drivers.theta_v.codec.access_units import AccessUnit
     from ghal360_robot.config import RobotConfig
@@ -112,7 +114,10 @@ class Robot:
                 await self._ready(stop)
                 self.journal = Journal(time.monotonic_ns())
                 self.started.set()
-                await self._drive(stop)
+                try:
+                    await self._drive(stop)
+                finally:
+                    self._remember()
                 links = self.links()
         finally:
             logging.getLogger().removeHandler(recorded)
@@ -139,7 +144,10 @@ class Robot:
 
     async def _assemble(self, stack: AsyncExitStack) -> None:
         config, board = self.config, self.board
-        brain = make_brain(config)  # a fifth of a second of planning: before anything has a deadline
+        known = known_before(config.guidance.memory)
+        if known is not None:
+            save_policy(self.recorder.folder / KNOWN, known)
+        brain = make_brain(config, known)  # a fifth of a second of planning: before anything has a deadline
         worker = DetectionWorker(
             self.detector,
             self._detected,
@@ -169,6 +177,23 @@ class Robot:
             safety_state=SafetyState(),
             on_tick=self._on_tick,
         )
+
+    def _remember(self) -> None:
+        """What was learned from the operator goes back into its file; a run that cannot write it says so and ends."""
+        online, memory = self.loop.brain_state.online, self.config.guidance.memory
+        if online is None or not memory:
+            return
+        learnt = online.learnt
+        provenance = {
+            "learned_in": self.recorder.run_id,
+            "learning": self.config.guidance.learn,
+            "version": __version__,
+        }
+        saved = SavedPolicy(learnt.q, provenance, learnt.rates, learnt.epochs)
+        try:
+            save_policy(Path(memory).expanduser(), saved)
+        except GhalError as error:
+            logger.error("what was learned from the operator is lost: %s", error)  # noqa: TRY400 - it is no surprise
 
     async def _ready(self, stop: asyncio.Event) -> None:
         """Wait until all three devices stream; a device that does not come up ends the run with its sentence."""

@@ -8,6 +8,8 @@ import pytest
 from ghal360_robot.assembly import make_brain
 from ghal360_robot.brain import Brain, BrainState
 from ghal360_robot.config import RobotConfig, with_overrides
+from ghal360_robot.guidance.follow_rates import FollowRates
+from ghal360_robot.guidance.online import OnlineLearner
 from ghal360_robot.messages import (
     STILL,
     BaseMode,
@@ -71,8 +73,27 @@ def test_an_unarmed_robot_infers_nothing(brain: Brain) -> None:
     ("target_yaw", "cue"), [(math.pi / 2, Cue.LEFT), (-math.pi / 2, Cue.RIGHT), (0.1, Cue.CONFIRM), (None, Cue.NONE)]
 )
 def test_the_cue_points_the_short_way_to_the_target(brain: Brain, target_yaw: float | None, cue: Cue) -> None:
-    out = think(brain, [tick(n, target_yaw=target_yaw) for n in range(20)])
+    out = think(brain, [tick(n, target_yaw=target_yaw) for n in range(120)])
     assert out[-1].cue is cue
+
+
+def test_the_operator_is_asked_to_confirm_only_what_many_pictures_bear_out(brain: Brain) -> None:
+    out = think(brain, [tick(n, target_yaw=0.1) for n in range(120)])
+    asked = next(n for n, d in enumerate(out) if d.cue is Cue.CONFIRM)
+    assert 20 <= asked <= 100  # one picture is not enough; a second of them is
+    assert {d.cue for d in out[:asked]} == {Cue.NONE}
+    at_once = replace(brain, fusion=None)
+    assert think(at_once, [tick(0, target_yaw=0.1)])[0].cue is Cue.CONFIRM
+
+
+def test_a_brain_learns_how_its_operator_follows_arrows(brain: Brain) -> None:
+    learning = replace(brain, learner=OnlineLearner())
+    heads = [0.0] * 30 + [-math.pi / 4] * 40 + [-math.pi / 2] * 40
+    state = BrainState()
+    for n, head_yaw in enumerate(heads):
+        state, _ = learning.step(state, tick(n, head_yaw=head_yaw, target_yaw=-math.pi / 2))
+    assert state.online is not None
+    assert state.online.learnt.rates == FollowRates(right=(11.0, 1.0))
 
 
 def test_the_robot_holds_while_a_cue_is_shown(brain: Brain) -> None:

@@ -25,6 +25,7 @@ from ghal360_robot.logbook.reader import RunReader
 from ghal360_robot.logbook.redetection import redetect
 from ghal360_robot.logbook.replay import replay as replay_run
 from ghal360_robot.perception.detectors.base import make_detector
+from ghal360_robot.policy_file import KNOWN, known_before
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -150,7 +151,8 @@ def compare(
             for detections in reader.detections():
                 comparison.recorded.detected(detections)
         first_ns: int | None = None
-        parts = make_brain(settings), make_safety(settings), lidar_mount(settings)
+        known = known_before(str(reader.path / KNOWN)) if reader.path.is_dir() else None
+        parts = make_brain(settings, known), make_safety(settings), lidar_mount(settings)
         for tick in replay_run(reader, *parts, other):
             first_ns = tick.inputs.stamp_ns if first_ns is None else first_ns
             comparison.note(tick)

@@ -13,11 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ghal360_robot.guidance.egocentric import N_WEDGES
+from ghal360_robot.guidance.egocentric import N_WEDGES, WEDGE_WIDTH
 from ghal360_robot.guidance.mdp import CONFIRM, LEFT, N_CLUTTER, RIGHT
 
 SURE = 0.97
 """Belief at which the operator may be asked to confirm: one wrong question in thirty at most."""
+BORDER = math.radians(10)
+"""Detections of a target this close to a border of wedges fall on either side of it."""
 NOT_IN_VIEW = N_WEDGES
 WAIT = 3
 """Beside LEFT, RIGHT, CONFIRM: show nothing and look again."""
@@ -46,8 +48,8 @@ class DetectorModel:
             raise ValueError("A detector has to report the target more often where it is than where it is not.")
         if not (self.correlation_s > 0 and self.fade_s > 0 and self.spread_per_m >= 0):
             raise ValueError("The times of a detector model must be positive, its spread not negative.")
-        if not (0 < self.prior_in_view < 1 and 0.5 < self.sure < 1):
-            raise ValueError("A prior lies between 0 and 1, and nobody is sure below one half or at 1.")
+        if not (0 < self.prior_in_view < 1 and 0 < self.sure < 1):
+            raise ValueError("A prior, and the belief at which to ask, lie between 0 and 1.")
 
     @property
     def prior(self) -> NDArray[np.float64]:
@@ -120,3 +122,48 @@ def choose(
 def turned(belief: NDArray[np.float64], head_wedge: int) -> NDArray[np.float64]:
     """(..., 9) a world's belief as seen from the head: wedge 0 is the one in focus."""
     return np.concatenate([np.roll(belief[..., :NOT_IN_VIEW], -head_wedge, axis=-1), belief[..., NOT_IN_VIEW:]], -1)
+
+
+@dataclass(frozen=True, slots=True)
+class TargetBelief:
+    """In which wedge of the world the target is believed to be (clockwise from the odometry's x)."""
+
+    chances: tuple[float, ...] | None = None
+    """(9,) the eight wedges and "not in view"; None before the first look."""
+    look_ns: int | None = None
+    at: tuple[float, float] = (0.0, 0.0)
+    """Where the robot was at the last look, metres in the odometry frame."""
+
+
+def look(
+    model: DetectorModel, belief: TargetBelief, wedges: tuple[int, ...], at: tuple[float, float], stamp_ns: int
+) -> TargetBelief:
+    """The belief after a picture taken at `at` that shows the target in these wedges (mostly none or one).
+
+    A picture not newer than the last changes nothing.
+    """
+    if belief.look_ns is not None and stamp_ns <= belief.look_ns:
+        return belief
+    dt_s = model.correlation_s if belief.look_ns is None else (stamp_ns - belief.look_ns) / 1e9
+    chances = model.prior if belief.chances is None else np.array(belief.chances)
+    seen = np.zeros(N_WEDGES, bool)
+    seen[list(wedges)] = True
+    moved_m = math.dist(at, belief.at) if belief.chances is not None else 0.0
+    after = update(model, predict(model, chances, dt_s, moved_m), seen, dt_s)
+    return TargetBelief(tuple(after.tolist()), stamp_ns, at)
+
+
+def in_focus(belief: TargetBelief, head_wedge: int, bearing: float | None) -> float:
+    """The chance that the target is where the operator looks: in wedge `head_wedge` of the world.
+
+    A target near the border, at this clockwise bearing, is reported now on one side and now on the other; then the
+    wedge beyond that border counts too.
+    """
+    if belief.chances is None:
+        return 0.0
+    chance = belief.chances[head_wedge]
+    if bearing is not None:
+        off = math.remainder(bearing - head_wedge * WEDGE_WIDTH, math.tau)
+        if abs(abs(off) - WEDGE_WIDTH / 2) <= BORDER:
+            chance += belief.chances[(head_wedge + (1 if off > 0 else -1)) % N_WEDGES]
+    return min(chance, 1.0)
