@@ -34,8 +34,12 @@ def building_map(world: World) -> GridMap:
     hidden = hiding.clearance(np.column_stack((x.ravel(), y.ravel()))).reshape(x.shape) <= CELL_M / 2
     cells = np.where(world.clearances(x, y) > ROBOT_RADIUS_M, FREE, FURNITURE)
     cells[hidden] = WALL
-    clutter = tuple(Thing(item.name, item.x, item.y) for item in world.objects if item.role is Role.CLUTTER)
+    # What hangs on a wall or stands in a corner is in a wall's cell, and nothing of it would be seen.
     target = world.target_object()
+    row, column = int(target.y / CELL_M), int(target.x / CELL_M)
+    around = cells[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2]
+    around[around == WALL] = FURNITURE
+    clutter = tuple(Thing(item.name, item.x, item.y) for item in world.objects if item.role is Role.CLUTTER)
     return GridMap(
         name=f"{world.name}-{world.seed}-{world.target}",
         cell_m=CELL_M,

@@ -46,6 +46,8 @@ MOST_VIEWS = 700
 """Places considered as views, evenly out of all: keeps a decision for a thousand trials below 0.1 s."""
 WRONG = -1.0
 """In place of a time: the human was asked to confirm what is not there, and the search is over."""
+PATIENCE_LOOKS = 8
+"""Looks from the same place, 16 s, after which a view counts as out of reach; turns and intent take 10 s."""
 AHEAD = 3
 """Beside LEFT, RIGHT, CONFIRM: keep looking there and go."""
 
@@ -219,6 +221,9 @@ class NextView:
         self._seen_from = (self._spots[self._views] != UNSEEN).astype(np.float64)
         self._chance = np.full(self._spots.shape[1], 1 / self._spots.shape[1])
         self._aim = -1
+        self._barred = np.zeros(len(self._views), bool)
+        self._waited = (-1, 0)
+        """The place of the last looks, and how many there were from it."""
 
     def look(self, place: int, bearings: list[float]) -> float | None:
         """One look from `place` that showed the target at these clockwise bearings (mostly none).
@@ -232,9 +237,15 @@ class NextView:
         self._chance *= odds[self._spots[place]]
         self._chance /= self._chance.sum()
         way = ground.path_m[place, self._views]
-        score = self._seen_from @ self._chance / (way + NEAR_M)
+        self._wait(place)
+        score = np.where(self._barred, 0.0, self._seen_from @ self._chance / (way + NEAR_M))
         best = int(score.argmax())
-        if self._aim < 0 or self._views[self._aim] == place or score[best] > LOYALTY * score[self._aim]:
+        if (
+            self._aim < 0
+            or self._barred[self._aim]
+            or self._views[self._aim] == place
+            or score[best] > LOYALTY * score[self._aim]
+        ):
             self._aim = best
         steps = ground.moves[place]
         rest = np.where(steps == place, np.inf, ground.path_m[steps, self._views[self._aim]])
@@ -243,3 +254,13 @@ class NextView:
             return None
         east, north = ground.xy[step] - ground.xy[place]
         return math.atan2(east, north)
+
+    def _wait(self, place: int) -> None:
+        """A robot that does not get on cannot get there: another view is aimed at."""
+        looks = self._waited[1] + 1 if place == self._waited[0] else 0
+        if looks >= PATIENCE_LOOKS and self._aim >= 0:
+            self._barred[self._aim] = True
+            looks = 0
+        if self._barred.all():
+            self._barred[:] = False
+        self._waited = (place, looks)
