@@ -157,7 +157,10 @@ class Browser:
         answer: asyncio.Future[dict[str, Any]] = asyncio.get_running_loop().create_future()
         self._answers[self._number] = answer
         await self._socket.send_json(message)
-        return await asyncio.wait_for(answer, ANSWER_S)
+        try:
+            return await asyncio.wait_for(answer, ANSWER_S)
+        except TimeoutError as error:
+            raise BrowserError(f"the browser does not answer {method} within {ANSWER_S:g} s") from error
 
     async def tab(self, *, before: str = "", size: tuple[int, int] = (1280, 720), window: bool = False) -> Tab:
         """A new tab, or a window; `before` is a script that runs before any of its pages' own."""
@@ -222,7 +225,7 @@ async def chromium(*flags: str) -> AsyncIterator[Browser]:
                 try:
                     yield browser
                 finally:
-                    with contextlib.suppress(TimeoutError, BrowserError):
+                    with contextlib.suppress(TimeoutError, BrowserError, ConnectionError):
                         await asyncio.wait_for(browser.send("Browser.close", {}), 3.0)
                     await browser.close()
         finally:

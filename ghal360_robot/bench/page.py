@@ -165,6 +165,7 @@ class _Robot:
         self.process = process
         self.url = ""
         self.said: list[str] = []
+        self._known = asyncio.Event()
 
     async def end(self) -> dict[str, Any]:
         self.process.send_signal(signal.SIGTERM)
@@ -175,7 +176,7 @@ class _Robot:
         try:
             report: dict[str, Any] = json.loads(out.decode().strip().splitlines()[-1])
         except (ValueError, IndexError) as error:
-            raise PageBenchError(f"the robot ended without its report: {'; '.join(self.said[-3:])}") from error
+            raise PageBenchError(f"the robot ended without its report: {self.last_words}") from error
         return report
 
     async def listen(self) -> None:
@@ -186,6 +187,21 @@ class _Robot:
             found = re.search(r"the page is at (\S+)", line)
             if found:
                 self.url = found[1]
+                self._known.set()
+        self._known.set()
+
+    async def ready(self) -> None:
+        """Wait until it says where its page is. Raises PageBenchError."""
+        try:
+            await asyncio.wait_for(self._known.wait(), START_S)
+        except TimeoutError as error:
+            raise PageBenchError(f"the robot is not ready within {START_S:g} s: {self.last_words}") from error
+        if not self.url:
+            raise PageBenchError(f"the robot does not start: {self.last_words}")
+
+    @property
+    def last_words(self) -> str:
+        return "; ".join(self.said[-3:])
 
 
 @contextlib.asynccontextmanager
@@ -206,14 +222,8 @@ async def _robot(stand: Stand, folder: Path, mode: str) -> AsyncIterator[_Robot]
     robot = _Robot(process)
     listening = asyncio.create_task(robot.listen())
     try:
-        async with asyncio.timeout(START_S):
-            while not robot.url and process.returncode is None:
-                await asyncio.sleep(0.05)
-        if process.returncode is not None:
-            raise PageBenchError(f"the robot does not start: {'; '.join(robot.said[-3:])}")
+        await robot.ready()
         yield robot
-    except TimeoutError as error:
-        raise PageBenchError(f"the robot is not ready within {START_S:g} s: {'; '.join(robot.said[-3:])}") from error
     finally:
         if process.returncode is None:
             process.kill()

@@ -22,7 +22,7 @@ def page(
     size: Annotated[str, typer.Option(help="Of each page, in pixels")] = "1280x720",
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object on the last line of stdout")] = False,
 ) -> None:
-    """How old pictures are on the page and how long a round trip takes, with a whole robot and Chromium on this machine.
+    """How old pictures are on the page and how long a round trip takes, with a whole robot and Chromium on it.
 
     Example: ghal360 bench page --pages 1 --json
     """

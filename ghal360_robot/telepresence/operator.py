@@ -12,6 +12,7 @@ import logging
 import os
 import socket
 import sys
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from ghal360_robot.errors import GhalError
@@ -137,7 +138,8 @@ class PageOperator:
             theirs.close()
             theirs_video.close()
         self._reader, self._writer = await asyncio.open_connection(sock=ours, limit=link.MAX_LINE_BYTES)
-        link.send(self._writer, "settings", self.settings)
+        # Started again, it listens where pages look for it.
+        link.send(self._writer, "settings", replace(self.settings, port=self.port or self.settings.port))
         try:
             self.port = await asyncio.wait_for(self._started(), START_S)
         except BaseException as error:

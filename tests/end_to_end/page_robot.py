@@ -127,7 +127,8 @@ async def turning(tab: Tab, key: str = "a") -> None:
         await armed(tab)
         await tab.key("down", key)
         for _ in range(40):
-            if abs((await tab.evaluate("telepresence.state.speed.w")) or 0.0) > 0.15:
+            speed = await tab.evaluate("telepresence.state.speed")
+            if speed and max(abs(speed["w"]), abs(speed["v"])) > 0.15:
                 return
             await asyncio.sleep(0.05)
         await tab.key("up", key)

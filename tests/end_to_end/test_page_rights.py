@@ -78,7 +78,7 @@ async def test_the_controls_go_from_hand_to_hand_in_sight_of_both() -> None:
         await first.until(visible("#ask"), "the second question")
         await first.click("#ask-yes")
         await first.until("!telepresence.right.yours")
-        assert "operator 2 drives now" in await first.until(text("#banners"))
+        await first.until(f"{text('#banners')}.includes('operator 2 drives now')")
         await second.show()
         await second.until("telepresence.right.yours")
         assert "you drive" in await second.evaluate(text("#right"))
@@ -130,7 +130,7 @@ async def test_a_frozen_picture_locks_driving_with_the_reason_on_the_screen() ->
         began = time.monotonic()
         await stand.until(lambda: stand.said("lock")[-1]["engaged"], "the lock")
         assert time.monotonic() - began < 1.2
-        assert "driving is locked: the picture on the screen is" in await tab.until(text("#banners"))
+        await tab.until(f"{text('#banners')}.includes('driving is locked: the picture on the screen is')")
         stand.frozen = False
         await tab.until(LIVE, "live again")
         await tab.until("telepresence.quality.lock === 'let go and press again'")

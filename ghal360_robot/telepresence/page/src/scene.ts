@@ -168,7 +168,10 @@ export class World {
       this.texture.colorSpace = SRGBColorSpace;
       this.texture.minFilter = this.texture.magFilter = LinearFilter;
       this.texture.generateMipmaps = false;
-      this.texture.flipY = picture.image instanceof VideoFrame;
+      // Turned over by its coordinates: turning every picture over on its way to the texture costs a copy.
+      this.texture.flipY = false;
+      this.texture.repeat.y = -1;
+      this.texture.offset.y = 1;
       this.sphere.material.map = this.texture;
       this.sphere.material.color.set(0xffffff);
       this.sphere.material.needsUpdate = true;

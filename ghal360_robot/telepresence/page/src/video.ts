@@ -163,8 +163,7 @@ export class Video {
   }
 
   private async still(data: Uint8Array<ArrayBuffer>, sequence: number, about: Omit<Picture, "image" | "sequence">): Promise<void> {
-    // A WebGL texture of an ImageBitmap cannot be turned upside down on the way.
-    const image = await createImageBitmap(new Blob([data], { type: "image/jpeg" }), { imageOrientation: "flipY" });
+    const image = await createImageBitmap(new Blob([data], { type: "image/jpeg" }));
     this.show({ image, sequence, ...about });
   }
 

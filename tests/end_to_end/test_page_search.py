@@ -1,0 +1,154 @@
+"""A whole search through the page: an operator who knows only what it shows, on a simulated robot."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+import os
+import signal
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+import pytest
+
+from ghal360_robot.bench.browser import chromium
+from ghal360_robot.logbook.reader import RunReader
+from tests.end_to_end.page_robot import LIVE, WHY_NOT, armed, opened, page_robot, turning
+
+if TYPE_CHECKING:
+    from ghal360_robot.bench.browser import Tab
+
+pytestmark = [
+    pytest.mark.page,
+    pytest.mark.timeout(400),
+    pytest.mark.skipif(bool(WHY_NOT), reason=WHY_NOT),
+]
+
+SEARCH = ("--target", "backpack", "--seed", "1")
+"""The backpack can be seen from the start, behind the robot and out of the operator's view."""
+
+SEARCH_S = 180.0
+CUE_SHOWN_MS = 200.0
+
+SCREEN = """({
+  left: !document.querySelector('#cue-left').hidden,
+  right: !document.querySelector('#cue-right').hidden,
+  confirm: !document.querySelector('#cue-confirm').hidden,
+  found: document.querySelector('#banners').innerText.includes('target found'),
+  armed: document.querySelector('#arm-text').innerText.includes('armed') &&
+         !document.querySelector('#arm-text').innerText.includes('disarmed'),
+})"""
+
+
+async def search(tab: Tab) -> None:
+    """Look where the page says, go on looking where it asks for confirmation, confirm."""
+    deadline = time.monotonic() + SEARCH_S
+    confirmed = 0
+    while time.monotonic() < deadline:
+        screen: dict[str, bool] = await tab.evaluate(SCREEN)
+        if screen["found"]:
+            return
+        if not screen["armed"]:
+            await armed(tab)
+        if screen["left"] or screen["right"]:
+            for _ in range(3):
+                await tab.press("ArrowLeft" if screen["left"] else "ArrowRight")
+            await asyncio.sleep(1.0)
+        elif screen["confirm"]:
+            confirmed += 1
+            if confirmed > 2:
+                await tab.click("#found")
+            await asyncio.sleep(0.5)
+        else:
+            await asyncio.sleep(0.2)
+    raise AssertionError(f"not found: {await tab.evaluate('[telepresence.state, telepresence.cues]')}")
+
+
+async def test_an_operator_who_only_follows_the_page_finds_the_target(tmp_path: Path) -> None:
+    async with chromium() as browser, page_robot(tmp_path, *SEARCH) as robot:
+        tab = await opened(await browser.tab(size=(640, 360)), robot.url)
+        await armed(tab)
+        await search(tab)
+        cues: list[dict[str, Any]] = await tab.evaluate("telepresence.cues")
+    assert robot.report["found"]
+    assert robot.report["cues"].get("confirm", 0) >= 1
+    turns = [cue for cue in cues if cue["cue"] in {"left", "right"}]
+    assert turns
+    shown_ms = sorted(cue["ms"] for cue in cues if cue["cue"] != "none")
+    assert shown_ms[len(shown_ms) // 2] < CUE_SHOWN_MS
+    with RunReader(robot.recording) as reader:
+        entities = set(reader.entities())
+    assert {"operator/received", "operator/command", "operator/head", "cmd/rights", "cmd/applied"} <= entities
+
+
+async def test_a_page_process_that_is_killed_stops_the_robot_and_comes_back(tmp_path: Path) -> None:
+    async with chromium() as browser, page_robot(tmp_path) as robot:
+        tab = await opened(await browser.tab(size=(640, 360)), robot.url)
+        await turning(tab)
+        conn = await tab.evaluate("telepresence.conn")
+        killed_ns = time.monotonic_ns()
+        os.kill(page_process_of(robot.process.pid), signal.SIGKILL)
+        await tab.until(f"![{json.dumps(conn)}, ''].includes(telepresence.conn) && ({LIVE})", "the page again", 40)
+        assert not await tab.evaluate("telepresence.right.yours")
+        assert await tab.evaluate("telepresence.state.arm") == "disarmed"
+    moving = [stamp for stamp, pair in robot.motion() if stamp >= killed_ns and any(pair)]
+    assert (max(moving, default=killed_ns) - killed_ns) / 1e6 <= 300
+
+
+def page_process_of(pid: int) -> int:
+    """The child of this process that serves the page."""
+    for entry in Path("/proc").glob("[0-9]*"):
+        try:
+            parent = int((entry / "stat").read_text(errors="replace").rsplit(")", 1)[1].split()[1])
+            words = (entry / "cmdline").read_text(errors="replace")
+        except OSError:
+            continue
+        if parent == pid and "page_process" in words:
+            return int(entry.name)
+    raise AssertionError("there is no such process")
+
+
+async def test_pictures_of_the_page_in_six_states(tmp_path: Path) -> None:
+    """Saved where GHAL360_PICTURES says, to be looked at; here only that each shows something."""
+    folder = os.environ.get("GHAL360_PICTURES", str(tmp_path))
+
+    async def save(name: str, tab: Tab) -> None:
+        picture = await tab.picture()
+        assert float(np.std(picture)) > 10.0
+        cv2.imwrite(f"{folder}/page-{name}.png", picture)
+
+    async with chromium() as browser, page_robot(tmp_path, *SEARCH) as robot:
+        tab = await opened(await browser.tab(), robot.url)
+        await save("looking", tab)
+        await armed(tab)
+        await tab.evaluate("document.querySelector('#arrow').click()")
+        await tab.until(f"({SCREEN}).left || ({SCREEN}).right", "a cue", 60)
+        await asyncio.sleep(0.5)
+        await save("cue", tab)
+        for _ in range(20):
+            screen = await tab.evaluate(SCREEN)
+            if screen["confirm"]:
+                break
+            if screen["left"] or screen["right"]:
+                for _ in range(3):
+                    await tab.press("ArrowLeft" if screen["left"] else "ArrowRight")
+            await asyncio.sleep(1.0)
+        await asyncio.sleep(1.0)
+        await save("confirm", tab)
+        await turning(tab, "w")
+        await asyncio.sleep(1.0)
+        await save("driving", tab)
+        await tab.key("up", "w")
+        await tab.press("h")
+        await tab.press(" ")
+        await asyncio.sleep(1.0)
+        await save("stopped", tab)
+        await tab.press("h")
+        await tab.size(390, 844, mobile=True)
+        await asyncio.sleep(2.0)
+        await save("phone", tab)
+        assert math.isfinite(await tab.evaluate("telepresence.fovH"))
