@@ -73,7 +73,9 @@ class OnnxNetwork(SquareNetwork):
         self._grid, self._stride = _cells(self.side)
 
     def place(self, picture: Picture, square: Picture) -> Placing:
-        return letterbox(picture, square, centred=False) if self._yolox else stretch(picture, square)
+        if self._yolox:
+            return letterbox(picture, square, centred=False, quick=True)
+        return stretch(picture, square, quick=True)
 
     def run(self, batch: Picture) -> Iterator[Outputs]:
         for square in batch:
@@ -92,14 +94,17 @@ class OnnxNetwork(SquareNetwork):
         return labels[0], boxes[0], scores[0]
 
     def _decode_yolox(self, rows: NDArray[np.float32], min_score: float) -> Boxes:
-        best = rows[:, 5:].argmax(axis=1)
-        score = rows[:, 4] * rows[np.arange(len(rows)), 5 + best]
-        good = np.flatnonzero(score > min_score)
-        rows, stride = rows[good], self._stride[good, None]
-        centre = (rows[:, :2] + self._grid[good]) * stride
+        # No score is above its objectness, and most rows are nothing.
+        maybe = np.flatnonzero(rows[:, 4] > min_score)
+        best = rows[maybe, 5:].argmax(axis=1)
+        score = rows[maybe, 4] * rows[maybe, 5 + best]
+        good = score > min_score
+        at, best, score = maybe[good], best[good], score[good]
+        rows, stride = rows[at], self._stride[at, None]
+        centre = (rows[:, :2] + self._grid[at]) * stride
         half = np.exp(np.minimum(rows[:, 2:4], MAX_EXPONENT)) * stride / 2
         xyxy = np.hstack((centre - half, centre + half)).astype(np.float32)
-        return suppress(Boxes(xyxy, score[good], best[good]), SAME, LIMIT)
+        return suppress(Boxes(xyxy, score, best), SAME, LIMIT)
 
     def _decode_deim(self, outputs: Outputs, min_score: float) -> Boxes:
         labels, boxes, scores = outputs
