@@ -52,6 +52,10 @@ def scan_fault(around: Surroundings, footprint: Sequence[Disc]) -> str:
         return "the scan has too few beams"
     if len(around.points) < BLOCKED_SHARE * n:
         return "lidar sees nothing: covered?"
+    x0, y0 = around.origin
+    outermost = max(math.hypot(disc.x - x0, disc.y - y0) + disc.radius for disc in footprint)
+    if np.count_nonzero(around.ranges < outermost) <= INSIDE_SHARE * n:
+        return ""  # so few are near enough to be inside: nearly always
     x, y = around.points[:, 0], around.points[:, 1]
     inside = [(x - disc.x) ** 2 + (y - disc.y) ** 2 < max(disc.radius - INSIDE_M, 0.0) ** 2 for disc in footprint]
     if np.count_nonzero(reduce(np.logical_or, inside)) > INSIDE_SHARE * n:

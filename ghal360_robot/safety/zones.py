@@ -13,7 +13,7 @@ A motion that takes no clearance away is allowed at a crawl, however close thing
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -72,6 +72,16 @@ class Around:
     points: Floats
     resting: Floats
     walking: Floats
+    _squared: dict[tuple[int, Disc], tuple[Floats, bool]] = field(default_factory=dict, repr=False)
+
+    def squared(self, points: Floats, disc: Disc) -> tuple[Floats, bool]:
+        """Square metres (n,) from the disc's centre, and whether anything is deep inside; worked out once a tick."""
+        key = id(points), disc
+        if key not in self._squared:
+            squared = (points[:, 0] - disc.x) ** 2 + (points[:, 1] - disc.y) ** 2
+            inner = max(disc.radius - DEEP_M, 0.0)
+            self._squared[key] = squared, bool(len(squared)) and float(squared.min()) < inner * inner
+        return self._squared[key]
 
 
 class Berth(NamedTuple):
@@ -108,9 +118,10 @@ def judge(around: Around, twist: Twist, limits: SafetyLimits, measured: Twist) -
     people = Berth(limits.person_margin_m, limits.person_margin_m + BERTH_M, CRAWL)
     verdicts = [FREE]
     for disc in limits.footprint:
-        verdicts.append(_zones(around.points, twist, disc, limits, measured, things))
+        verdicts.append(_zones(around, around.points, twist, disc, limits, measured, things))
         if len(around.resting):
-            verdicts.append(_zones(around.resting, twist, disc, limits, measured, people)._replace(person=True))
+            verdict = _zones(around, around.resting, twist, disc, limits, measured, people)
+            verdicts.append(verdict._replace(person=True))
         if len(around.walking):
             verdicts.append(_walking(around.walking, twist, disc, limits))
     return _worst(verdicts)
@@ -144,16 +155,18 @@ def limit(
     return Twist(0.0, turn if turn == wanted.w or abs(turn) >= LEAST_TURN else 0.0), first
 
 
-def _zones(points: Floats, twist: Twist, disc: Disc, limits: SafetyLimits, measured: Twist, berth: Berth) -> Verdict:
-    """Stop, approach and slow zone of one disc around what does not move now.
+def _zones(
+    around: Around, points: Floats, twist: Twist, disc: Disc, limits: SafetyLimits, measured: Twist, berth: Berth
+) -> Verdict:
+    """Stop, approach and slow zone of one disc around those `points` of `around` that do not move now.
 
     What is deep inside the outline (a cable, dirt on the window) is judged by itself: how close it is says nothing
     about how close the rest may come.
     """
-    squared = (points[:, 0] - disc.x) ** 2 + (points[:, 1] - disc.y) ** 2
-    deep = squared < max(disc.radius - DEEP_M, 0.0) ** 2
-    if not deep.any():
+    squared, any_deep = around.squared(points, disc)
+    if not any_deep:
         return _zone(points, squared, twist, disc, limits, measured, berth)
+    deep = squared < max(disc.radius - DEEP_M, 0.0) ** 2
     parts = (deep, ~deep)
     return _worst(_zone(points[part], squared[part], twist, disc, limits, measured, berth) for part in parts)
 
