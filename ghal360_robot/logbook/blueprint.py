@@ -24,7 +24,14 @@ def _plot(name: str, *entities: str) -> rrb.TimeSeriesView:
     contents = [f"+ {root}/{entity}" for entity in entities for root in ("", "/replayed")]
     # Without this the viewer draws whatever numbers it finds in an entity, a covariance as well as a speed.
     lines: dict[Any, Any] = {path.removeprefix("+ /"): rr.SeriesLines().visualizer() for path in contents}
-    return rrb.TimeSeriesView(name=name, origin="/", contents=contents, time_ranges=[_recent()], overrides=lines)
+    return rrb.TimeSeriesView(
+        name=name,
+        origin="/",
+        contents=contents,
+        time_ranges=[_recent()],
+        overrides=lines,
+        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightBottom),
+    )
 
 
 def _panorama() -> rrb.Spatial2DView:

@@ -183,6 +183,8 @@ class LiveFeed:
                     self._write(server, LENGTH.pack(len(parcel.data)) + parcel.data)
                     self.sent += 1
                 self._listen(server)
+                if server.poll() is not None:
+                    raise BrokenPipeError
                 if not len(self._mailbox):
                     self._waiting.wait(WAIT_S)
         finally:

@@ -14,7 +14,7 @@ from ghal360_robot.logbook.errors import RecordingNotReadableError
 from ghal360_robot.logbook.records import AccessUnit, CanFrame, Link, Map, Telegram, Text, Truth
 from ghal360_robot.logbook.recovery import read_tail
 from ghal360_robot.logbook.rrd import PartReader, chunk_rows, ordered_rows
-from ghal360_robot.logbook.run_folder import folders_of, read_meta
+from ghal360_robot.logbook.run_folder import files_of, read_meta
 from ghal360_robot.logbook.tick_rows import read_ticks
 from ghal360_robot.logbook.wal import SUFFIX
 from ghal360_robot.messages import (
@@ -307,9 +307,8 @@ def _files(path: Path) -> tuple[list[Path], list[Path]]:
         return [path], []
     if not path.is_dir():
         raise RecordingNotReadableError(f"There is no recording at {path}.")
-    folders = folders_of(path)
-    files = sorted((file for folder in folders for file in folder.glob("part-*.rrd")), key=lambda file: file.name)
+    files = files_of(path, ".rrd")
     if not files:
         raise RecordingNotReadableError(f"{path} holds no recording: there is no part-*.rrd in it.")
-    logs = sorted((log for folder in folders for log in folder.glob(f"part-*{SUFFIX}")), key=lambda log: log.name)
-    return files, logs
+    here = {file.parent for file in files}
+    return files, [log for log in files_of(path, SUFFIX) if log.parent in here]

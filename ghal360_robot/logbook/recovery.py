@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import rerun as rr
 import rerun_cli  # type: ignore[import-untyped]
 
-from ghal360_robot.logbook.encoding import chunk, without
+from ghal360_robot.logbook.encoding import chunk, identified, without
 from ghal360_robot.logbook.errors import RecordingNotReadableError
 from ghal360_robot.logbook.rrd import PartReader, chunk_row_ids
 from ghal360_robot.logbook.statics import APPLICATION_ID
@@ -143,7 +143,7 @@ def _write(batches: list[pa.RecordBatch], path: Path, run_id: str) -> None:
     stream = rr.RecordingStream(APPLICATION_ID, recording_id=run_id, send_properties=False)
     stream.save(path)
     for batch in batches:
-        stream.send_chunks(chunk(batch))
+        stream.send_chunks(chunk(identified(batch)))
     stream.flush()
     stream.disconnect()
 

@@ -108,6 +108,18 @@ def folders_of(folder: Path) -> list[Path]:
     return [folder, *(other for other in same_run if other.resolve() != folder.resolve())]
 
 
+def files_of(folder: Path, suffix: str) -> list[Path]:
+    """The parts of a run, or the logs ahead of them, in order, wherever they were written.
+
+    Parts are numbered across all places: one of the same name elsewhere is what `folder` was copied from.
+    """
+    found: dict[str, Path] = {}
+    for place in folders_of(folder):
+        for file in place.glob(f"part-*{suffix}"):
+            found.setdefault(file.name, file)
+    return [found[name] for name in sorted(found)]
+
+
 def git_commit() -> str:
     """The commit this code was checked out at; empty where it was not."""
     git = Path(__file__).parents[2] / ".git"

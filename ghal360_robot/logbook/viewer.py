@@ -14,7 +14,7 @@ import rerun_cli  # type: ignore[import-untyped]
 
 from ghal360_robot.logbook.errors import LogbookError, RecordingNotReadableError
 from ghal360_robot.logbook.overlay import PREFIX
-from ghal360_robot.logbook.run_folder import folders_of
+from ghal360_robot.logbook.run_folder import files_of
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -33,7 +33,7 @@ def find_files(run: Path, overlay: Path | None, *, with_overlay: bool) -> list[P
     if run.is_file():
         parts = [run]
     elif run.is_dir():
-        parts = sorted((f for folder in folders_of(run) for f in folder.glob("part-*.rrd")), key=lambda f: f.name)
+        parts = files_of(run, ".rrd")
     else:
         raise RecordingNotReadableError(f"There is no recording at {run}.")
     if not parts:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
 import time
 from typing import TYPE_CHECKING
@@ -23,6 +24,10 @@ if TYPE_CHECKING:
 TAKE_PERIOD_S = 0.05
 TAKE_ENTRIES = 50
 TAKE_S = 0.025
+
+# A third of a second's entries: beyond that the pauses are short, or a busy machine would never let it catch up.
+BACKLOG = 300
+HURRY_S = 0.005
 
 # A killed process loses what is not settled: this long, and the way there.
 SETTLE_PERIOD_S = 0.1
@@ -80,9 +85,9 @@ class Writer:
     def _work(self) -> None:
         now = time.monotonic()
         settle_at, merge_at, look_at = now + SETTLE_PERIOD_S, now + MERGE_PERIOD_S, now + LOOK_PERIOD_S
-        while not self._stop.wait(TAKE_PERIOD_S):
+        while not self._stop.wait(HURRY_S if len(self._mailbox) > BACKLOG else TAKE_PERIOD_S):
             now = time.monotonic()
-            self._take(until=now + TAKE_S)
+            self._take(TAKE_S)
             if now >= settle_at:
                 self._encode()
                 settle_at = now + SETTLE_PERIOD_S
@@ -106,7 +111,9 @@ class Writer:
             logger.exception("The logbook's writer has failed")
             self.store.close()
 
-    def _take(self, until: float) -> None:
+    def _take(self, cpu_s: float, until: float = math.inf) -> None:
+        """For so much of the processor's time: of the wall's, a machine with much else to do grants little."""
+        enough_s = time.thread_time() + cpu_s
         while entries := self._mailbox.take(TAKE_ENTRIES):
             for entry in entries:
                 try:
@@ -114,7 +121,7 @@ class Writer:
                         self.batches.add(row)
                 except BAD_ROW as error:
                     self.batches.fail(entry.entity, error)
-            if time.monotonic() >= until:
+            if time.thread_time() >= enough_s or time.monotonic() >= until:
                 return
 
     def _encode(self) -> None:
@@ -132,7 +139,7 @@ class Writer:
                 time.sleep(BREATH_S)
 
     def _finish(self) -> None:
-        self._take(self._take_until)
+        self._take(math.inf, self._take_until)
         self._mailbox.abandon()
         self._report()
         self._encode()

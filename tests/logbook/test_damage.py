@@ -1,0 +1,96 @@
+"""A recording from a damaged disk or a stranger ends in a sentence, whatever is wrong with it."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from ghal360_robot.cli import careful
+from ghal360_robot.logbook.recorder import Recorder
+from tests.logbook import robot
+
+REPOSITORY = Path(__file__).parents[2]
+T0 = 1_000_000_000_000_000_001
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    recorder = Recorder(tmp_path_factory.mktemp("whole"), properties={"robot": "7"}, config_json="{}")
+    for k in range(60):
+        stamp = T0 + k * robot.TICK_NS
+        recorder.tick(robot.inputs(stamp, k), robot.decision(k), robot.applied(k), 0.5, 1.0)
+        recorder.base_state(robot.base_state(stamp, k))
+        recorder.lidar_scan(robot.scan(stamp, k))
+        recorder.access_unit(stamp, os.urandom(300), k, k % 10 == 0, False)
+    recorder.close()
+    return (recorder.folder / "part-000.rrd").read_bytes()
+
+
+INSPECT_MANY = """
+import json, sys
+from pathlib import Path
+from ghal360_robot.logbook.errors import LogbookError
+from ghal360_robot.logbook.inspection import inspect_run
+for name in sys.argv[1:]:
+    try:
+        inspect_run(Path(name)).to_json()
+    except LogbookError:
+        pass
+    print(name, flush=True)
+"""
+
+
+def test_flipped_bits_end_in_a_report_or_an_error_of_ours_or_in_an_abort_that_the_child_takes(
+    tmp_path: Path, whole: bytes
+) -> None:
+    """Where Rerun itself aborts, the child is gone; what must never come is an exception of another kind."""
+    rng = random.Random(1)
+    files = []
+    for k in range(60):
+        damaged = bytearray(whole)
+        for _ in range(rng.choice((1, 1, 5))):
+            damaged[rng.randrange(len(damaged))] ^= 1 << rng.randrange(8)
+        path = tmp_path / f"part-{k:03d}.rrd"
+        path.write_bytes(bytes(damaged))
+        files.append(str(path))
+    aborted = 0
+    while files:
+        done = subprocess.run(
+            [sys.executable, "-c", INSPECT_MANY, *files], cwd=REPOSITORY, capture_output=True, text=True, check=False
+        )
+        files = files[len(done.stdout.splitlines()) :]
+        if done.returncode < 0:
+            aborted += 1
+            files = files[1:]
+        else:
+            assert done.returncode == 0, done.stderr[-2000:]
+    assert aborted < 60
+
+
+@pytest.mark.parametrize(("number", "words"), [(signal.SIGABRT, "damaged in a way"), (signal.SIGTERM, "from outside")])
+def test_a_reading_process_that_dies_is_one_sentence(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, number: signal.Signals, words: str
+) -> None:
+    (tmp_path / "part-000.rrd").write_bytes(b"RRF2")
+    fake = tmp_path / "python"
+    fake.write_text(f'#!/bin/sh\ncase "$1" in -m) kill -{number.value} $$;; esac\nexit 1\n')
+    fake.chmod(0o755)
+    monkeypatch.setattr(careful.sys, "executable", str(fake))
+    status, sentence = careful.run_in_child(["inspect", str(tmp_path)])
+    assert status == 1
+    assert words in sentence
+
+
+def test_only_commands_that_read_recordings_get_a_process_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(careful.IN_CHILD, raising=False)
+    assert careful.wants_child(["inspect", "run"])
+    assert not careful.wants_child(["run", "--sim"])
+    assert not careful.wants_child([])
+    monkeypatch.setenv(careful.IN_CHILD, "1")
+    assert not careful.wants_child(["inspect", "run"])
