@@ -37,7 +37,7 @@ DEFAULT_PORT = 3240  # IANA: usbip
 
 REAP_S = 2.0  # cancelled transfers come back within one round trip
 PACKETS_PER_URB = 32  # 4 ms of microframes: what batching may add to the latency of a picture
-URBS_IN_FLIGHT = 64  # 256 ms, as over libusb: survives a pause of the interpreter (fact sheet 5.2)
+URBS_IN_FLIGHT = 256  # one second: nothing here is limited to 16 MiB, and simulations share their machine
 
 log = logging.getLogger(__name__)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.theta_v.codec.descriptors import (
@@ -78,6 +78,7 @@ def test_a_superspeed_companion_widens_its_endpoint() -> None:
 
 
 @given(st.binary(max_size=300))
+@settings(deadline=None)
 def test_garbage_descriptors_raise_only_the_codecs_own_error(raw: bytes) -> None:
     head = bytes([9, 2, *(9 + len(raw)).to_bytes(2, "little"), 1, 1, 0, 0x80, 250])
     for candidate in (raw, head + raw):
@@ -90,6 +91,7 @@ def test_garbage_descriptors_raise_only_the_codecs_own_error(raw: bytes) -> None
 
 
 @given(st.integers(0, 431), st.integers(0, 255))
+@settings(deadline=None)
 def test_a_configuration_with_one_wrong_byte_raises_only_the_codecs_own_error(at: int, value: int) -> None:
     raw = LIVE_CONFIGURATION[:at] + bytes([value]) + LIVE_CONFIGURATION[at + 1 :]
     try:
@@ -118,6 +120,7 @@ def test_a_probe_block_of_another_length_is_refused(length: int) -> None:
 
 
 @given(st.binary(max_size=60))
+@settings(deadline=None)
 def test_any_block_of_at_least_26_bytes_decodes(raw: bytes) -> None:
     if len(raw) < 26:
         with pytest.raises(ThetaMalformed):

@@ -135,6 +135,7 @@ def test_frames_that_vanished_before_parameter_sets_of_their_own_unit_are_counte
 
 
 @given(st.lists(st.sampled_from([b"\0", b"\1", b"\0\0\1", b"\0\0\0\1\x67", b"abc"]), max_size=60))
+@settings(deadline=None)
 def test_nal_units_are_found_wherever_the_search_is_cut(pieces: list[bytes]) -> None:
     data = b"".join(pieces)
     whole = h264.split(data)
@@ -164,7 +165,7 @@ def test_opens_stream_knows_the_head_of_a_key_picture_and_nothing_else() -> None
 
 
 @given(st.data())
-@settings(max_examples=60)
+@settings(max_examples=60, deadline=None)
 def test_a_picture_called_clean_is_whole_and_so_is_all_it_depends_on(data: st.DataObject) -> None:
     """Whatever packets are lost, with a status the host sees: clean means as the encoder made it."""
     packets: list[tuple[int, Packet]] = []
@@ -184,6 +185,7 @@ def test_a_picture_called_clean_is_whole_and_so_is_all_it_depends_on(data: st.Da
 
 
 @given(st.binary(max_size=200), st.sampled_from([b"", b"\0\0\1\x67", b"\0\0\1\x68", b"\0\0\1\x65", b"\0\0\1\x41"]))
+@settings(deadline=None)
 def test_garbage_pictures_raise_only_the_codecs_own_error_and_are_never_clean(raw: bytes, head: bytes) -> None:
     for parse in (h264.parse_sps, h264.parse_pps, h264.parse_slice_start, h264.split):
         with contextlib.suppress(ThetaMalformed):
@@ -194,6 +196,7 @@ def test_garbage_pictures_raise_only_the_codecs_own_error_and_are_never_clean(ra
 
 
 @given(st.integers(0, len(PICTURES[0]) - 1), st.integers(0, 255))
+@settings(deadline=None)
 def test_a_key_picture_with_one_wrong_byte_never_raises(at: int, value: int) -> None:
     tracker = AccessUnitTracker()
     tracker.feed(unit(PICTURES[0][:at] + bytes([value]) + PICTURES[0][at + 1 :]))

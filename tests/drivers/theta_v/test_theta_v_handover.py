@@ -6,7 +6,7 @@ import asyncio
 from dataclasses import replace
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.theta_v.codec.access_units import AccessUnit
@@ -72,6 +72,7 @@ async def test_the_reader_gets_what_waits_and_then_the_error() -> None:
 
 
 @given(st.lists(st.tuples(st.booleans(), st.booleans()), max_size=60), st.integers(1, 5))
+@settings(deadline=None)
 def test_no_picture_is_handed_out_whose_reference_was_dropped(steps: list[tuple[bool, bool]], limit: int) -> None:
     async def run() -> list[AccessUnit]:
         mailbox = Mailbox(asyncio.get_running_loop(), limit)

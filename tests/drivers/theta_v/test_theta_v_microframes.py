@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.theta_v.codec import usbip
@@ -16,6 +16,7 @@ QUEUE_NS = TRANSFERS * TRANSFER_NS
 
 
 @given(st.lists(st.lists(st.booleans(), min_size=4, max_size=4), max_size=12))
+@settings(deadline=None)
 def test_each_run_of_empty_microframes_is_marked_once_wherever_transfers_are_cut(transfers: list[list[bool]]) -> None:
     pauses = Pauses()
     found: list[Packet] = []

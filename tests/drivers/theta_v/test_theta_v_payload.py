@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.theta_v.codec.payload import (
@@ -190,6 +190,7 @@ units_lists = st.lists(st.binary(min_size=1, max_size=60), min_size=1, max_size=
 
 
 @given(units_lists, st.booleans(), st.data())
+@settings(deadline=None)
 def test_any_loss_with_status_yields_only_identical_or_marked_units(
     sent: list[bytes], end_in_data: bool, data: st.DataObject
 ) -> None:
@@ -203,6 +204,7 @@ def test_any_loss_with_status_yields_only_identical_or_marked_units(
 
 
 @given(st.lists(st.tuples(st.sampled_from([0, 0, 0, -18]), st.binary(max_size=40)), max_size=60))
+@settings(deadline=None)
 def test_garbage_neither_raises_nor_grows(packets: list[Packet]) -> None:
     assembler = Assembler(max_bytes=100)
     for unit in assembler.feed(0, packets):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.theta_v.codec import ptp
@@ -69,6 +69,7 @@ def test_containers_are_found_at_any_fragmentation() -> None:
 
 
 @given(st.binary(max_size=200))
+@settings(deadline=None)
 def test_garbage_containers_and_data_sets_raise_only_the_codecs_own_error(raw: bytes) -> None:
     def read() -> None:
         for container in ContainerReader(1000).feed(raw):

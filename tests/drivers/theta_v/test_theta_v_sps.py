@@ -8,7 +8,7 @@ from fractions import Fraction
 import av
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.theta_v.codec import h264
@@ -106,6 +106,7 @@ def test_an_access_unit_without_sps_is_left_alone() -> None:
 
 
 @given(st.binary(max_size=80), st.booleans())
+@settings(deadline=None)
 def test_garbage_raises_only_the_codecs_own_error(raw: bytes, looks_real: bool) -> None:
     with contextlib.suppress(ThetaMalformed):
         without_reordering((b"\x67\x42\x40\x33" if looks_real else b"\x67") + raw)
@@ -114,6 +115,7 @@ def test_garbage_raises_only_the_codecs_own_error(raw: bytes, looks_real: bool) 
 
 
 @given(st.integers(0, 27), st.integers(0, 255))
+@settings(deadline=None)
 def test_an_sps_with_one_wrong_byte_raises_only_the_codecs_own_error(at: int, value: int) -> None:
     sps = bytearray(sps_of(stream(1)[0]))
     sps[at % len(sps)] = value
@@ -122,6 +124,7 @@ def test_an_sps_with_one_wrong_byte_raises_only_the_codecs_own_error(at: int, va
 
 
 @given(st.lists(st.tuples(st.integers(1, 32), st.integers(0, 2**32 - 1)), max_size=30))
+@settings(deadline=None)
 def test_what_the_writer_wrote_the_reader_reads(fields: list[tuple[int, int]]) -> None:
     writer = BitWriter()
     writer.u(8, 0x67)

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.theta_v.codec import usbip
@@ -186,6 +186,7 @@ def test_an_unplugged_camera_ends_the_connection(camera: SimulatedThetaV, kernel
 
 
 @given(st.binary(min_size=1, max_size=200), st.booleans())
+@settings(deadline=None)
 def test_garbage_never_stops_the_server(raw: bytes, attached: bool) -> None:
     with UsbIpServer(SimulatedThetaV()) as server:
         hostile = Kernel(server)
@@ -279,6 +280,7 @@ async def test_a_mistake_in_the_sink_ends_the_stream_in_words(camera: SimulatedT
 
 
 @given(st.binary(min_size=48, max_size=48))
+@settings(deadline=None)
 def test_garbage_headers_raise_only_the_codecs_own_error(raw: bytes) -> None:
     for decode in (usbip.Submit.decode, usbip.Return.decode):
         with contextlib.suppress(ThetaMalformed):
