@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 RATES = ((0.95, 0.02), (0.8, 0.05), (0.6, 0.05), (0.8, 0.15))
-EPISODES = 20_000
+EPISODES = 10_000
 MOST_LOOKS = 200
 
 
