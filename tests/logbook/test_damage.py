@@ -17,6 +17,7 @@ from tests.logbook import robot
 
 REPOSITORY = Path(__file__).parents[2]
 T0 = 1_000_000_000_000_000_001
+FILES = 24
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +53,7 @@ def test_flipped_bits_end_in_a_report_or_an_error_of_ours_or_in_an_abort_that_th
     """Where Rerun itself aborts, the child is gone; what must never come is an exception of another kind."""
     rng = random.Random(1)
     files = []
-    for k in range(60):
+    for k in range(FILES):
         damaged = bytearray(whole)
         for _ in range(rng.choice((1, 1, 5))):
             damaged[rng.randrange(len(damaged))] ^= 1 << rng.randrange(8)
@@ -70,7 +71,7 @@ def test_flipped_bits_end_in_a_report_or_an_error_of_ours_or_in_an_abort_that_th
             files = files[1:]
         else:
             assert done.returncode == 0, done.stderr[-2000:]
-    assert aborted < 60
+    assert aborted < FILES
 
 
 @pytest.mark.parametrize(("number", "words"), [(signal.SIGABRT, "damaged in a way"), (signal.SIGTERM, "from outside")])
