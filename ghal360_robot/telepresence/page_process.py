@@ -27,7 +27,7 @@ from ghal360_robot.telepresence.access import Sessions, load_tokens
 from ghal360_robot.telepresence.floor_map import FloorMap
 from ghal360_robot.telepresence.hub import Hub
 from ghal360_robot.telepresence.protocol import Floor
-from ghal360_robot.telepresence.server import PageServer
+from ghal360_robot.telepresence.server import NOT_BUILT, PageServer
 from ghal360_robot.telepresence.settings import PageSettings
 from ghal360_robot.telepresence.streams import Streams
 
@@ -131,6 +131,8 @@ async def serve(control: socket.socket, video: socket.socket) -> None:
     logging.getLogger("ghal360_robot").setLevel(logging.INFO)
     logging.getLogger("ghal360_robot").propagate = False
     link.send(writer, "listening", process.server.port)
+    if not (BUILT / "index.html").is_file():
+        logger.warning(NOT_BUILT)
     works = (process.listen(reader), process.watch(frames), process.draw(), process.server.beat())
     tasks = {asyncio.create_task(work) for work in works}
     try:

@@ -164,6 +164,7 @@ class Page {
   }
 
   private told(state: State): void {
+    const first = this.state === undefined;
     if (state.arm !== this.state?.arm) this.hudMs = 0;
     this.state = state;
     this.stateMs = performance.now();
@@ -174,7 +175,9 @@ class Page {
       this.cueShown = state.cue;
       this.hud.cue(state.cue);
       const cue = state.cue;
-      requestAnimationFrame(() => this.cues.push({ cue, ms: (this.control.clock.nowUs() - state.cue_us) / 1000 }));
+      if (!first) {
+        requestAnimationFrame(() => this.cues.push({ cue, ms: (this.control.clock.nowUs() - state.cue_us) / 1000 }));
+      }
       this.hudMs = 0;
     }
   }
