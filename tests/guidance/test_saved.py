@@ -10,12 +10,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ghal360_robot.assembly import make_brain
 from ghal360_robot.atomic import write_atomically
+from ghal360_robot.config import RobotConfig, with_overrides
 from ghal360_robot.errors import GhalError, UsageError
 from ghal360_robot.guidance.follow_rates import FollowRates
 from ghal360_robot.guidance.online import OnlineLearner
 from ghal360_robot.guidance.saved import PolicyFormatError, SavedPolicy, from_bytes, to_bytes
-from ghal360_robot.policy_file import load_policy, save_policy
+from ghal360_robot.policy_file import known_before, load_policy, save_policy
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -119,3 +121,19 @@ def test_a_file_that_is_no_policy_is_named(tmp_path: Path) -> None:
     (tmp_path / "other.json").write_text("{}")
     with pytest.raises(UsageError, match=r"other\.json"):
         load_policy(tmp_path / "other.json")
+
+
+def test_the_robot_begins_with_what_is_known_of_its_operator(tmp_path: Path) -> None:
+    path = tmp_path / "anna.json"
+    assert known_before("") is None
+    assert known_before(str(path)) is None
+    save_policy(path, POLICY)
+    known = known_before(str(path))
+    assert known is not None
+    config = with_overrides(RobotConfig(), {"guidance": {"policy": "learned", "learn": "values", "memory": str(path)}})
+    brain = make_brain(config, known)
+    assert brain.policy.name == "learned"
+    assert brain.known is not None
+    assert brain.known.rates == POLICY.rates
+    with pytest.raises(UsageError, match=r"guidance\.memory"):
+        make_brain(config)
