@@ -8,9 +8,10 @@ import pytest
 
 from ghal360_robot.messages import STILL, Pose2, Twist
 from ghal360_robot.safety.chain import Safety
-from ghal360_robot.safety.collision import direction
+from ghal360_robot.safety.collision import direction, watch
 from ghal360_robot.safety.footprint import Disc
 from ghal360_robot.safety.limits import SafetyLimits
+from ghal360_robot.safety.memory import Memory
 from tests.safety.conftest import LIDAR_X, Rig, circles_ranges, scan
 
 BACK = Twist(-0.15, 0.0)
@@ -27,6 +28,16 @@ def posts(*at: tuple[float, float], radius: float = 0.05) -> Rig:
 )
 def test_directions_are_words(degrees: float, words: str) -> None:
     assert direction(math.radians(degrees)) == words
+
+
+@pytest.mark.parametrize("without", ["base", "surroundings"])
+def test_nothing_is_judged_before_base_and_lidar_have_spoken(without: str) -> None:
+    rig = Rig()
+    rig.run(5)
+    tick, memory = rig.inputs(), rig.state.memory
+    assert not isinstance(watch(SafetyLimits(), memory, tick, "", 0.0), str)
+    assert watch(SafetyLimits(), memory, replace(tick, **{without: None}), "", 0.0) == "no scan"
+    assert watch(SafetyLimits(), Memory(), tick, "", 0.0) == "no scan"
 
 
 def test_an_obstacle_on_the_way_is_named_with_distance_and_direction() -> None:

@@ -117,6 +117,15 @@ def test_who_starts_to_walk_is_seen_to_within_a_third_of_a_second(
     assert math.dist((first.x, first.y), legs_from(start_s, *world)(walk.now_ns / 1e9).mean(axis=0)[:2]) < 0.35
 
 
+def test_who_is_told_to_walk_matters_from_that_very_scan_on() -> None:
+    walk = Walk(3, NONE, legs_from(1.5, 2.6, 0.0, -1.2, 0.0), Twist())
+    while not confirmed(memory := walk.step()):
+        assert memory.someone_ns is None
+    assert memory.scene is not None
+    assert len(memory.scene.points) > memory.scene.walking
+    assert memory.someone_ns == memory.scene.stamp_ns
+
+
 def test_who_strolls_is_seen_within_half_a_second_and_who_walks_on_stays_seen() -> None:
     walk = Walk(4, NONE, legs_from(1.5, 2.5, 0.0, -0.3, 0.0), Twist())
     seen = [bool(confirmed(walk.step())) for _ in range(75)]

@@ -58,6 +58,13 @@ def test_returns_from_inside_the_outline_are_dirt_on_the_window(beams: int, dirt
     assert scan_fault(near, (Disc(0.3, 0.0, 0.04),)) == ""
 
 
+def test_dirt_is_looked_for_as_far_as_the_outline_reaches_from_the_lidar() -> None:
+    mount = LidarMount(x=0.2, y=0.2)
+    ahead_right = Disc(0.6, -0.1, 0.2)  # 0.5 m from the lidar, at -37 degrees: beam 294 of 811
+    seen = look_around(scan(ranges(3.0, at_280_28=0.63)), mount)
+    assert "window dirty" in scan_fault(seen, (ahead_right,))
+
+
 def test_shares_are_counted_to_the_beam() -> None:
     yaw = np.linspace(-0.8, 0.8, 100).astype(np.float32)
     seen = np.full(100, np.nan, np.float32)
