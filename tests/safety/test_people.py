@@ -226,6 +226,8 @@ def test_returns_beside_each_other_are_one_thing() -> None:
     first, count = things(points, beam)
     assert (first.tolist(), count.tolist()) == ([0, 3, 5], [3, 2, 1])
     assert [len(part) for part in things(points[:0], beam[:0])] == [0, 0]
+    abreast = np.array([[1.0, 0.0], [1.0, 0.3]])
+    assert things(abreast, np.array([0, 1]))[1].tolist() == [1, 1]
     slanted = np.array([[1.0, 0.0], [1.2, 0.02]])
     assert things(slanted, np.array([0, 1]))[1].tolist() == [1, 1]
     assert things(slanted, np.array([0, 4]))[1].tolist() == [2]
