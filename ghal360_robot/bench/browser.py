@@ -206,13 +206,16 @@ class Browser:
 
 
 @asynccontextmanager
-async def chromium(*flags: str) -> AsyncIterator[Browser]:
-    """A headless Chromium without screen or GPU; ended, profile and all, on leaving."""
+async def chromium(*flags: str, niceness: int = 5) -> AsyncIterator[Browser]:
+    """A headless Chromium without screen or GPU; ended, profile and all, on leaving.
+
+    On a computer of its own it would take nothing of the robot's: `niceness` is how much less it gets on this one.
+    """
     if EXECUTABLE is None:
         raise BrowserError("there is no Chromium: apt install chromium")
     with tempfile.TemporaryDirectory(prefix="ghal360-chromium-", ignore_cleanup_errors=True) as profile:
         process = await asyncio.create_subprocess_exec(
-            "nice", "-n", "5", EXECUTABLE, *FLAGS, *flags, f"--user-data-dir={profile}", "about:blank",
+            "nice", "-n", str(niceness), EXECUTABLE, *FLAGS, *flags, f"--user-data-dir={profile}", "about:blank",
             stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.DEVNULL,
         )  # fmt: skip
         try:

@@ -129,7 +129,7 @@ async def measure(seconds: float, pages: int, mode: str, size: tuple[int, int]) 
     """Run robot and browser, and look. Raises GhalError where either does not come up."""
     units = await asyncio.to_thread(film, mode)
     with tempfile.TemporaryDirectory(prefix="ghal360-bench-") as folder:
-        async with Stand(units) as stand, _robot(stand, Path(folder), mode) as robot, chromium() as browser:
+        async with Stand(units) as stand, _robot(stand, Path(folder), mode) as robot, chromium(niceness=15) as browser:
             tabs = [await _open(browser, robot.url, size) for _ in range(pages)]
             await asyncio.sleep(WARM_S)
             for tab in tabs:

@@ -73,7 +73,9 @@ class PageStand:
     blockers: tuple[str, ...] = ()
     sequence: int = 0
     frozen: bool = False
-    key_only_at: int = 0
+    yaw: float = 0.0
+    """The base's."""
+    approaching: tuple[float, ...] = ()
 
     @property
     def url(self) -> str:
@@ -114,13 +116,13 @@ class PageStand:
         tick, before, cue_ns = 0, Cue.NONE, 0
         while True:
             now_ns = time.monotonic_ns()
-            base = BaseState(now_ns, BaseMode.STANDBY, Pose2(), STILL, 80.0)
+            base = BaseState(now_ns, BaseMode.STANDBY, Pose2(0.0, 0.0, self.yaw), STILL, 80.0)
             inputs = Inputs(now_ns, tick, base, None, None, None, dict.fromkeys(DEVICES, FRESH))
             cue_ns, before = (now_ns if self.decision.cue is not before else cue_ns), self.decision.cue
             told = state(
                 inputs, self.decision, self.applied, blockers=self.blockers,
                 links=dict.fromkeys(DEVICES, LinkStats("streaming")), found=False, cue_ns=cue_ns, target="backpack",
-                approaching=(),
+                approaching=self.approaching,
             )  # fmt: skip
             self.server.hub.broadcast("state", json.dumps({"kind": "state", **told}))
             if tick % 3 == 0:

@@ -370,3 +370,33 @@ async def test_a_phone_shows_everything_that_stops_and_drives() -> None:
                 "(document.querySelector('#estop').getBoundingClientRect())"
             )
             assert estop == "estop"
+
+
+async def test_in_the_unwound_view_the_world_stands_still_while_the_robot_turns() -> None:
+    async with chromium() as browser, page_stand() as stand:
+        tab = await opened(await browser.tab(size=SMALL), stand.url)
+        await tab.press("ArrowRight")
+        await tab.until("telepresence.settled")
+        stand.yaw = 0.5
+        await tab.until("telepresence.state.pose.yaw === 0.5")
+        await asyncio.sleep(0.3)
+        wound = await tab.evaluate("[telepresence.yaw, telepresence.heading]")
+        assert wound == pytest.approx([-math.radians(15)] * 2, abs=0.01), "the view turns with the robot"
+        await tab.press("u")
+        assert await tab.evaluate("telepresence.heading") == pytest.approx(wound[1], abs=0.01), (
+            "switching turns nothing"
+        )
+        before = await tab.evaluate("telepresence.yaw")
+        stand.yaw = 1.5
+        await tab.until(f"Math.abs(telepresence.heading - ({wound[1]} - 1.0)) < 0.02", "looking where it looked")
+        assert await tab.evaluate("telepresence.yaw") == pytest.approx(before, abs=0.01)
+
+
+async def test_what_comes_closer_is_marked_at_its_place_or_at_the_edge_it_is_behind() -> None:
+    async with chromium() as browser, page_stand() as stand:
+        tab = await opened(await browser.tab(size=SMALL), stand.url)
+        for yaw, side in ((0.2, "in"), (2.5, "left"), (-2.5, "right")):
+            stand.approaching = (yaw,)
+            await tab.until(f"document.querySelector('.edge')?.dataset.side === '{side}'", side)
+        stand.approaching = ()
+        await tab.until("document.querySelector('.edge') === null")
