@@ -72,11 +72,11 @@ def shut_laptop(f: Frame, o: WorldObject, _rng: Generator) -> None:
 def desk_lamp(f: Frame, o: WorldObject, rng: Generator) -> None:
     """What stands on a desk instead of a screen: a lamp on an arm, and books."""
     steel = Surface("plain", pick(rng, ((0.82, 0.82, 0.80), hsv(200, 0.30, 0.55), (0.62, 0.60, 0.56))))
-    base = f.at(-0.12, 0.03)
+    base = f.at(-0.12, 0.08)
     base.tube(0, 0, 0, [(0.08, 0.0), (0.075, 0.015), (0.012, 0.02), (0.010, 0.36)], steel, sides=14)
     head = base.at(0, 0, 0.35, pitch=-1.1)
-    head.tube(0, 0, 0, [(0.010, 0.0), (0.010, 0.18)], steel, sides=8)
-    shade_at = base.at(0, -0.17, 0.36)
+    head.tube(0, 0, 0, [(0.010, 0.0), (0.010, 0.15)], steel, sides=8)
+    shade_at = base.at(0, -0.14, 0.36)
     shade_at.tube(0, 0, 0, [(0.075, 0.0), (0.045, 0.07), (0.0, 0.09)], steel, sides=14)
     shade_at.tube(0, 0, 0.004, [(0.0, 0.002), (0.07, 0.0)], Surface("plain", (1.0, 0.97, 0.88), glows=True), sides=14)
     for index, cover in enumerate((hsv(205, 0.35, 0.45), hsv(20, 0.35, 0.60), (0.80, 0.79, 0.76))):
