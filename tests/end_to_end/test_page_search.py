@@ -140,7 +140,6 @@ async def test_pictures_of_the_page_in_six_states(tmp_path: Path) -> None:
         await asyncio.sleep(1.0)
         await save("confirm", tab)
         await turning(tab, "w")
-        await asyncio.sleep(1.0)
         await save("driving", tab)
         await tab.key("up", "w")
         await tab.press("h")

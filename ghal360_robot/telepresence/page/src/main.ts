@@ -18,6 +18,8 @@ const MAP_MS = 100;
 const HUD_MS = 100;
 const REFUSED_MS = 4000;
 const STATE_STALE_MS = 1000;
+/** A device that still sends, but too seldom, is slow. */
+const STALE_S = 0.25;
 /** How often the robot hears which picture is shown. */
 const SHOWN_MS = 40;
 /** Samples of each delay that are kept. */
@@ -294,7 +296,9 @@ class Page {
     if (state?.arm === "estop") bad("Emergency stop. Press Reset, then Arm, when the way is clear.");
     if (state !== undefined) {
       for (const [name, device] of Object.entries(state.devices)) {
-        if (!device.ok) warn(`${DEVICE_WORDS[name] ?? name} stale${device.detail ? `: ${device.detail}` : ""}`);
+        if (device.ok) continue;
+        const how = device.link === "streaming" && device.age_s !== null && device.age_s < STALE_S ? "slow" : "stale";
+        warn(`${DEVICE_WORDS[name] ?? name} ${how}${device.detail ? `: ${device.detail}` : ""}`);
       }
     }
     if (!this.trouble && this.video.waiting) warn("no key frame yet: waiting for the next picture");
