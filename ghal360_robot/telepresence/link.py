@@ -45,14 +45,17 @@ def send(writer: asyncio.StreamWriter, kind: str, value: Any) -> bool:
 
 
 async def receive(reader: asyncio.StreamReader) -> tuple[str, Any] | None:
-    """The next line as (kind, value); None when the other side is gone."""
+    """The next line as (kind, value); None when the other side is gone, or says what makes no sense."""
     try:
         line = await reader.readline()
     except (ConnectionError, ValueError):
         return None
     if not line.endswith(b"\n"):
         return None
-    ((kind, value),) = json.loads(line).items()
+    try:
+        ((kind, value),) = json.loads(line).items()
+    except (ValueError, AttributeError, RecursionError):
+        return None  # out of step: nothing that follows can be trusted
     return kind, value
 
 

@@ -98,13 +98,17 @@ class PageOperator:
     async def run(self, robot: Robot) -> None:
         """Until cancelled; a process that dies is started again."""
         while True:
-            telling = asyncio.create_task(self._tell(robot), name="telling the page")
+            works = (self._listen(robot), self._tell(robot))
+            tasks = {asyncio.create_task(work, name="page") for work in works}
             try:
-                await self._listen(robot)
+                done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             finally:
-                telling.cancel()
+                for task in tasks:
+                    task.cancel()
                 robot.board.put_lease(None)
-            logger.error("the page's process has ended; the robot stands still while it is started again")
+            failed = next((task.exception() for task in done if task.exception()), None)
+            why = f"the page failed: {failed!r}" if failed else "the page's process has ended"
+            logger.error("%s; the robot stands still while it is started again", why)
             await self._end()
             self.restarts += 1
             await self._start_again()

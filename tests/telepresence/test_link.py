@@ -106,6 +106,18 @@ async def test_lines_go_both_ways_and_end_with_the_socket() -> None:
     writer.close()
 
 
+@pytest.mark.parametrize("line", [b"{", b"[1]", b"{}", b'{"a": 1, "b": 2}', b"[" * 100_000, b"\xff"])
+async def test_a_line_that_makes_no_sense_ends_the_link(line: bytes) -> None:
+    ours, theirs = socket.socketpair()
+    reader, writer = await asyncio.open_connection(sock=ours, limit=link.MAX_LINE_BYTES)
+    theirs.setblocking(False)
+    sending = asyncio.create_task(asyncio.get_running_loop().sock_sendall(theirs, line + b"\n"))
+    assert await link.receive(reader) is None
+    await sending
+    writer.close()
+    theirs.close()
+
+
 async def test_who_is_told_nothing_does_not_make_us_remember_everything() -> None:
     ours, theirs = socket.socketpair()
     _, writer = await asyncio.open_connection(sock=ours)

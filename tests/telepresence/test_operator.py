@@ -102,39 +102,42 @@ def unit(sequence: int) -> AccessUnit:
 
 async def test_what_the_driver_does_is_on_the_board_and_in_the_recording() -> None:
     robot = Robot()
-    async with running(robot) as page, opened(page) as (ws, conn, http):
-        await ws.send_json({"kind": "lease", "wish": "ask"})
-        await met(lambda: robot.board.lease is not None, "the lease")
-        async with http.ws_connect(f"{page.url}video?conn={conn}", headers={"Origin": page.url.rstrip("/")}) as video:
-            shown: list[int] = []
-            looking = asyncio.create_task(look(video, shown))
-            for attempt in range(40):  # a picture that is late on a busy machine locks driving
-                page.offer(unit(attempt))
-                await asyncio.sleep(0.1)
-                if shown:
-                    await ws.send_json({"kind": "shown", "seq": shown[-1], "dropped": 0})
-                    await ws.send_json(wish(conn, 2 * attempt))
-                    await ws.send_json(wish(conn, 2 * attempt + 1, deadman=True, stick={"v": 1.0, "w": 0.0}))
+    async with running(robot) as page:
+        async with opened(page) as (ws, conn, http):
+            await ws.send_json({"kind": "lease", "wish": "ask"})
+            await met(lambda: robot.board.lease is not None, "the lease")
+            async with http.ws_connect(
+                f"{page.url}video?conn={conn}", headers={"Origin": page.url.rstrip("/")}
+            ) as video:
+                shown: list[int] = []
+                looking = asyncio.create_task(look(video, shown))
+                for attempt in range(40):  # a picture that is late on a busy machine locks driving
+                    page.offer(unit(attempt))
                     await asyncio.sleep(0.1)
-                if robot.board.operator is not None and robot.board.operator.deadman:
-                    break
-            looking.cancel()
-        operator, lease = robot.board.operator, robot.board.lease
-        assert operator is not None
-        assert lease is not None
-        assert operator.stick is not None
-        assert (operator.holder, operator.stick.v) == (lease.holder, 0.5)
-        assert 0 <= time.monotonic_ns() - operator.stamp_ns < 2_000_000_000
-        assert operator.latency_s > 0.0
-        assert robot.board.locks["operator's picture"].engaged is False
-        await ws.send_json({"kind": "stop", "level": "estop", "press": 1})
-        await met(lambda: robot.board.stops.estop == 1, "the emergency stop")
-        await ws.send_json(wish(conn, 0, deadman=True))
-        await met(lambda: robot.recorder.wishes[-1].verdict != "taken", "the replayed wish in the recording")
+                    if shown:
+                        await ws.send_json({"kind": "shown", "seq": shown[-1], "dropped": 0})
+                        await ws.send_json(wish(conn, 2 * attempt))
+                        await ws.send_json(wish(conn, 2 * attempt + 1, deadman=True, stick={"v": 1.0, "w": 0.0}))
+                        await asyncio.sleep(0.1)
+                    if robot.board.operator is not None and robot.board.operator.deadman:
+                        break
+                looking.cancel()
+            operator, lease = robot.board.operator, robot.board.lease
+            assert operator is not None
+            assert lease is not None
+            assert operator.stick is not None
+            assert (operator.holder, operator.stick.v) == (lease.holder, 0.5)
+            assert 0 <= time.monotonic_ns() - operator.stamp_ns < 2_000_000_000
+            assert operator.latency_s > 0.0
+            assert robot.board.locks["operator's picture"].engaged is False
+            await ws.send_json({"kind": "stop", "level": "estop", "press": 1})
+            await met(lambda: robot.board.stops.estop == 1, "the emergency stop")
+            await ws.send_json(wish(conn, 0, deadman=True))
+            await met(lambda: robot.recorder.wishes[-1].verdict != "taken", "the replayed wish in the recording")
+        await met(lambda: not robot.recorder.operators[-1].deadman, "closing the page lets go")
+        await met(lambda: robot.board.lease is None, "and gives the controls back")
     assert [w.verdict for w in robot.recorder.wishes[:2]] == ["taken", "taken"]
     assert robot.recorder.wishes[-1].verdict == "replayed or overtaken"
-    assert robot.recorder.operators[-1].deadman is False, "closing the page lets go"
-    assert robot.board.lease is None
 
 
 async def test_a_process_that_dies_takes_the_lease_with_it_and_comes_back_at_its_address(
