@@ -260,6 +260,9 @@ class LibUsbTransport(OpenedCamera):
         while not self._ending.is_set():
             try:
                 context.handleEventsTimeout(EVENTS_S)
+                video = self._video
+                if video is not None:
+                    video.round_ended()
             except usb1_api.UsbInterrupted:
                 continue
             except usb1_api.UsbError as error:

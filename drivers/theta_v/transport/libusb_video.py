@@ -75,6 +75,8 @@ class VideoTransfers:
         self._tables = {id(t): usb1_api.iso_table(t) for t in self._transfers} if self._isochronous else {}
         self._after_gap: set[int] = set()
         """Transfers that were submitted too late: what came before they began is lost."""
+        self._perhaps_after_gap: set[int] = set()
+        self._ended_this_round = 0
         self._lock = threading.Lock()
         self._stopping = False
         self._busy = 0
@@ -111,6 +113,19 @@ class VideoTransfers:
         self._tables.clear()
         for transfer in self._transfers:
             transfer.close()  # with their callbacks they form a circle, and hold megabytes until it is collected
+
+    def round_ended(self) -> None:
+        """In the event thread, whenever libusb has handed over all that had ended.
+
+        Time alone tells of a gap only where a bus keeps time, and an emulated one does not. But while even one
+        transfer of the queue had not ended yet, somebody listened.
+        """
+        if self._perhaps_after_gap:
+            if self._ended_this_round >= len(self._transfers):
+                self._after_gap |= self._perhaps_after_gap
+                self._listening.warn()
+            self._perhaps_after_gap.clear()
+        self._ended_this_round = 0
 
     def _submit(self, transfer: Transfer) -> bool:
         """False once the stream is to end: nothing may be in the air that `stop` did not cancel."""
@@ -153,8 +168,10 @@ class VideoTransfers:
         if id(transfer) in self._after_gap:
             self._after_gap.discard(id(transfer))
             packets.insert(0, (RAN_DRY, b""))
-        if self._isochronous and self._listening.gap(stamp_ns):
-            self._after_gap.add(id(transfer))
+        if self._isochronous:
+            self._ended_this_round += 1
+            if self._listening.gap(stamp_ns):
+                self._perhaps_after_gap.add(id(transfer))
         self._submit(transfer)
         if packets:
             self._sink(stamp_ns, packets)

@@ -53,7 +53,7 @@ class Listening:
         self._transfer_ns = packets * MICROFRAME_NS
         self._queue_ns = transfers * self._transfer_ns
         self._until_ns: int | None = None
-        self._silent_until_ns = 0
+        self._now_ns = self._silent_until_ns = 0
 
     def gap(self, now_ns: int) -> int:
         """Nanoseconds for which nobody listened before the transfer that is submitted again at `now_ns`.
@@ -62,9 +62,13 @@ class Listening:
         """
         until_ns = now_ns + self._queue_ns if self._until_ns is None else self._until_ns
         gap_ns = max(0, now_ns - until_ns)
-        if gap_ns and now_ns >= self._silent_until_ns:
-            self._silent_until_ns = now_ns + WARN_EVERY_NS
-            log.warning("this computer was held up; for %.0f ms nobody listened to the camera", gap_ns / 1e6)
         until_ns = max(until_ns, now_ns) + self._transfer_ns
         self._until_ns = min(until_ns + self._transfer_ns // RECOVERY, now_ns + self._queue_ns)
+        self._now_ns = now_ns
         return gap_ns
+
+    def warn(self) -> None:
+        """Tell people, now and then, that pictures were lost because nobody listened."""
+        if self._now_ns >= self._silent_until_ns:
+            self._silent_until_ns = self._now_ns + WARN_EVERY_NS
+            log.warning("this computer was held up, and for a moment nobody listened to the camera")

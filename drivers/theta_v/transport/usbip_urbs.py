@@ -186,6 +186,7 @@ class Urbs:
         sequence = next(self._sequence)
         if now_ns is not None and video.listening is not None and video.listening.gap(now_ns):
             video.after_gap.add(sequence)
+            video.listening.warn()
         self._pending[sequence] = Pending(True, video.length, video.packets, True, None, "video")
         endpoint = video.endpoint & 0x0F
         head = usbip.Submit(sequence, self._devid, True, endpoint, video.length, video.packets, interval=1)

@@ -99,7 +99,10 @@ class FakeContext:
     def handleEventsTimeout(self, tv: float = 0) -> None:
         deadline = time.monotonic() + tv
         while not self._interrupted.is_set() and time.monotonic() < deadline:
-            if any(handle.complete() for handle in list(self.handles)):
+            ended = False
+            while any(handle.complete() for handle in list(self.handles)):
+                ended = True  # libusb hands over whatever has ended before it returns
+            if ended:
                 return
             left = [d for d in self._devices if not d.port.connected]
             if left and self._hotplug is not None:

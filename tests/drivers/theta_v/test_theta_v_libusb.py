@@ -31,6 +31,7 @@ from drivers.theta_v.simulator.camera import SimulatedThetaV
 from drivers.theta_v.transport import usb1_api
 from drivers.theta_v.transport.libusb import LibUsbTransport
 from drivers.theta_v.transport.libusb_video import Queue
+from drivers.theta_v.transport.microframes import Listening
 from tests.drivers.theta_v.fake_usb1 import Machine
 from tests.drivers.theta_v.pictures import Feeder, stream, until
 
@@ -127,6 +128,19 @@ async def test_what_the_camera_sent_while_this_process_was_held_up_is_known_to_b
             index = PICTURES.index(unit.raw)
             assert unit.keyframe or index == sound + 1, "what it builds upon was lost"
             sound = index
+
+
+async def test_a_bus_that_is_late_is_no_gap_while_transfers_are_in_flight(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As an emulated one is: time says that the queue ended, and one of its transfers has not ended yet."""
+    monkeypatch.setattr(Listening, "gap", lambda *_: 1)
+    machine = Machine(SimulatedThetaV())
+    seen: list[Packet] = []
+    async with opened(machine, queue=Queue(64, 16)) as transport:
+        await negotiated(transport)
+        await transport.start_video(VIDEO, 3072, lambda _, packets: seen.extend(packets))
+        with Feeder(machine.camera, PICTURES):
+            await until(lambda: len(seen) > 200)
+    assert not any(status for status, _ in seen)
 
 
 async def test_a_kernel_without_memory_for_the_queue_is_reported_with_the_remedy() -> None:
