@@ -181,7 +181,7 @@ class Soak:
         self._reference: Reference | None = None
         self._jumps = 0
         self._odd_until_s = -math.inf
-        self._stuck_since_s = clock.seconds()
+        self._stuck_since_s = [clock.seconds()] * 2
         self._told = False
         self._driving = asyncio.Event()
 
@@ -227,6 +227,9 @@ class Soak:
             except RmpRefused:
                 if self.base.link is not LinkState.STREAMING:
                     raise
+                state = self.base.latest
+                if state and state.latched and not state.trouble_now:
+                    await self.base.request_mode(STANDBY)  # a trouble that is over has to be acknowledged
                 await asyncio.sleep(0.2)
 
     async def _leg(self, v: float, w: float, seconds: float) -> None:
@@ -335,13 +338,14 @@ class Soak:
         """The truth when the base makes a reply, compared when the driver has it."""
         base = self.base_model
         right_m, left_m, true = base.drive.right_m, base.drive.left_m, (base.x, base.y, base.yaw)
-        target_mps = abs(base.drive.v_target) + abs(base.drive.yaw_target) * TRACK_M / 2
+        v_mps, turning_mps = base.drive.v_target, base.drive.yaw_target * TRACK_M / 2
+        targets_mps = abs(v_mps + turning_mps), abs(v_mps - turning_mps)
 
         def delivered() -> None:
             state = self.base.latest
             if state and state.stamp_ns == self.clock.now_ns - FRAME_NS * (COMPACT.frame_count - 1):
                 self._compare(state, right_m, left_m, true)
-                self._judge_warnings(state, target_mps)
+                self._judge_warnings(state, targets_mps)
 
         return delivered
 
@@ -367,16 +371,18 @@ class Soak:
             tally.complain(self.clock, f"odometry is off by {off_m:.6f} m, {off_rad:.8f} rad")
             self._reference = None
 
-    def _judge_warnings(self, state: State, target_mps: float) -> None:
-        """A blocked base is told in time, and nothing is told of a healthy one."""
+    def _judge_warnings(self, state: State, targets_mps: tuple[float, float]) -> None:
+        """A blocked base is told in time, and nothing is told of a healthy one. Each wheel is watched by itself."""
         now_s, blocked = self.clock.seconds(), self.base_model.drive.blocked
-        if not blocked or target_mps < 0.1:
-            self._stuck_since_s = now_s
+        for wheel, target_mps in enumerate(targets_mps):
+            if not blocked or target_mps < 0.1:
+                self._stuck_since_s[wheel] = now_s
         if blocked and state.warnings and not self._told:
             self._told = True
             self.tally.warned += 1
-        if blocked and now_s - self._stuck_since_s > WARNS_S + 2 * DRIVE_S and not state.warnings:
-            self.tally.complain(self.clock, f"blocked for {now_s - self._stuck_since_s:.2f} s and nothing is told")
+        stuck_s = now_s - min(self._stuck_since_s)
+        if blocked and stuck_s > WARNS_S + 2 * DRIVE_S and not state.warnings:
+            self.tally.complain(self.clock, f"blocked for {stuck_s:.2f} s and nothing is told")
         if state.warnings and now_s > self._odd_until_s:
             self.tally.complain(self.clock, f"nothing is odd, but told is: {'; '.join(state.warnings)}")
 
