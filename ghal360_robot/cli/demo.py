@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ghal360_robot.cli.scenario import SIMULATED_DETECTOR, checked_scenario, with_target
+from ghal360_robot.cli.scenario import SIMULATED_DETECTOR, checked_scenario, dressed, with_target
 from ghal360_robot.cli.session import Session, print_json, run_session
 from ghal360_robot.cli.summary import print_summary
 from ghal360_robot.config import RobotConfig, with_overrides
@@ -35,7 +35,7 @@ def demo(
     ended = run_session(
         Session(
             config=config,
-            scenario=scenario,
+            scenario=dressed(scenario, config),
             virtual_operator=True,
             duration_s=time_limit,
             until_found=True,

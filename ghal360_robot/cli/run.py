@@ -10,7 +10,7 @@ import typer
 
 from ghal360_robot.cli.address import split_address
 from ghal360_robot.cli.optional_value import LIVE
-from ghal360_robot.cli.scenario import SIMULATED_DETECTOR, checked_scenario, with_target
+from ghal360_robot.cli.scenario import SIMULATED_DETECTOR, checked_scenario, dressed, with_target
 from ghal360_robot.cli.session import Session, print_json, run_session
 from ghal360_robot.cli.summary import print_summary
 from ghal360_robot.config import load_config, with_overrides
@@ -87,7 +87,7 @@ def run(
     ended = run_session(
         Session(
             config=config,
-            scenario=scenario,
+            scenario=scenario and dressed(scenario, config),
             virtual_operator=operator is OperatorKind.VIRTUAL,
             duration_s=duration,
             until_found=False,

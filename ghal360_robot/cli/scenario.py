@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ghal360_robot.config import with_overrides
@@ -50,6 +51,11 @@ def checked_scenario(
         cuts=tuple(Cut.parse(text) for text in cuts or []),
         operator=operator,
     )
+
+
+def dressed(scenario: Scenario, config: RobotConfig) -> Scenario:
+    """The same world looking as its detector needs it: natural for real ones, painted for `painted`."""
+    return replace(scenario, painted=config.perception.detector == "painted")
 
 
 def with_target(config: RobotConfig, target: str | None) -> RobotConfig:
