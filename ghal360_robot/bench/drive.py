@@ -7,7 +7,7 @@ goes. Everything here happens between two ticks and is not measured. No clock: e
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -37,6 +37,25 @@ NEAR_M = 0.05
 """Where the looked-up room is less than this more than the body needs, the exact distance is taken."""
 
 
+class Moment(NamedTuple):
+    """What one tick meets."""
+
+    frames: tuple[Frame, ...]
+    sweeps: tuple[Sweep, ...]
+    wanted: Twist
+
+
+class Replay:
+    """A drive once more from its tape: the same commands meet the same moments, and no simulator runs in between."""
+
+    def __init__(self, drive: Drive) -> None:
+        self.stored = drive.stored
+        self._moments = iter(drive.tape)
+
+    def step(self, _now_ns: int, _frame: Frame) -> Moment:
+        return next(self._moments)
+
+
 class Drive:
     """`step` it once a tick, with the frame that the tick before has made."""
 
@@ -44,6 +63,8 @@ class Drive:
         bitmaps = {f"feedback_bitmap_{n}": word for n, word in enumerate(COMPACT_BITMAPS, start=1)}
         self.stored = Stored.of({**RMP110_STORED, **bitmaps})
         self.wish = Wish()
+        self.tape: list[Moment] = []
+        """Every moment so far."""
         self._model = RmpModel(now_ns, self.stored, boot_s=0.0)
         self._model.receive(now_ns + TICK_NS, request_mode(ModeRequest.TRACTOR))
         self._world = build_world("office", SEED)
@@ -56,7 +77,7 @@ class Drive:
         self._crowds = [Crowd(self._ground, SEED + n, PEOPLE // 2, self._robot(), courteous=bool(n)) for n in range(2)]
         self._driver = RandomDriver(self._ground, SEED, "stick to places", DriveSettings())
 
-    def step(self, now_ns: int, frame: Frame) -> tuple[tuple[Frame, ...], list[Sweep]]:
+    def step(self, now_ns: int, frame: Frame) -> Moment:
         """Until `now_ns`: what the base replied to `frame`, and the sweeps that were finished meanwhile."""
         sweeps = []
         for at_ns in (now_ns - STEP_NS, now_ns):
@@ -69,7 +90,9 @@ class Drive:
                 self.wish = self._driver.step(at_ns / 1e9, self._body.pose, points)
         for crowd in self._crowds:
             crowd.step(TICK_NS / 1e9, self._robot())
-        return self._model.receive(now_ns, frame), sweeps
+        moment = Moment(self._model.receive(now_ns, frame), tuple(sweeps), self.wish.twist)
+        self.tape.append(moment)
+        return moment
 
     def _move(self, moving: Twist) -> None:
         goal = advance(self._body.pose, moving, STEP_NS / 1e9)

@@ -4,9 +4,10 @@
 board, a snapshot with every input's freshness, and the safety chain; `encode` is a twist to a motion frame
 that passed the whitelist.
 
-The robot drives between the places of the simulated office, with people walking around it (`bench.drive`); the
-code measured is its own. Costs are this thread's CPU time, so that other programs do not count; every tick is
-followed by an empty turn of the event loop, so that the ratio of the two can be compared between machines.
+The robot drives between the places of the simulated office, with people walking around it (`bench.drive`), first
+with the simulators and then once more from the tape, which is what is measured; the code is its own. Costs are this
+thread's CPU time, so that other programs do not count; every tick is followed by an empty turn of the event loop, so
+that the ratio of the two can be compared between machines.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from drivers.rmp110.device.odometry import Odometry
 from drivers.rmp110.device.slip import SlipWatch
 from drivers.rmp110.device.state import all_finite, read_state
 from ghal360_robot.assembly import make_safety
-from ghal360_robot.bench.drive import TICK_NS, Drive
+from ghal360_robot.bench.drive import TICK_NS, Drive, Replay
 from ghal360_robot.board import make_board
 from ghal360_robot.config import RobotConfig
 from ghal360_robot.errors import GhalError
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
 LIMIT_MS = 0.5
 """p99 of encode, decode and chain together: a fortieth of the control period."""
 TICKS = 20_000
+BEGIN_NS = 1_000_000_000
 TICKS_PER_S = 50
 OPERATOR_EVERY = 2
 """Ticks from one message of the operator to the next: 25 a second."""
@@ -154,11 +156,13 @@ def encode(twist: Twist, language: Language) -> Frame:
 class Ticker:
     """The inner half of the robot on a drive through the simulated office, one `tick` at a time."""
 
-    def __init__(self) -> None:
+    def __init__(self, drive: Drive | Replay) -> None:
         config = RobotConfig()
-        self.now_ns = 1_000_000_000
+        self.now_ns = BEGIN_NS
+        self.twist = STILL
+        """What went out last."""
         self._count = 0
-        self._drive = Drive(self.now_ns, config)
+        self._drive = drive
         self._decoder = Decoder(
             Rmp110Config(max_v_mps=config.safety.v_max, max_w_rps=config.safety.w_max), self._drive.stored
         )
@@ -171,8 +175,7 @@ class Ticker:
     def tick(self) -> tuple[tuple[int, int, int], bool]:
         """Nanoseconds of decode, chain and encode; and whether motion was let through."""
         self.now_ns += TICK_NS
-        frames, sweeps = self._drive.step(self.now_ns, self._next)
-        wanted = self._drive.wish.twist
+        frames, sweeps, wanted = self._drive.step(self.now_ns, self._next)
         self._hear_operator(wanted)
         began = time.thread_time_ns()
         state = self._decoder.decode(self.now_ns, frames)
@@ -187,6 +190,7 @@ class Ticker:
         self._next = encode(applied.twist, self._decoder.identity.language)
         encoded = time.thread_time_ns()
         self._count += 1
+        self.twist = applied.twist
         moved = applied.arm is ArmState.ARMED and applied.twist != STILL
         return (decoded - began, judged - decoded, encoded - judged), moved
 
@@ -223,7 +227,11 @@ def measure(ticks: int = TICKS) -> TickCost:
 
 
 async def _measure(ticks: int) -> tuple[TickCost, int]:
-    ticker = Ticker()
+    drive = Drive(BEGIN_NS, RobotConfig())
+    live = Ticker(drive)
+    for _ in range(WARM_UP + ticks):
+        live.tick()
+    ticker = Ticker(Replay(drive))
     parts = np.zeros((ticks, 3), np.int64)
     floor = np.zeros(ticks, np.int64)
     moving = 0
@@ -236,5 +244,7 @@ async def _measure(ticks: int) -> tuple[TickCost, int]:
             began = time.thread_time_ns()
             await asyncio.sleep(0)
             floor[k] = time.thread_time_ns() - began
+    if ticker.twist != live.twist:
+        raise GhalError("the same drive led to another command the second time: the safety chain is not pure")
     decode, chain, encoded = (Spread.of(parts[:, k]) for k in range(3))
     return TickCost(ticks, decode, chain, encoded, Spread.of(parts.sum(axis=1)), Spread.of(floor)), moving

@@ -12,6 +12,7 @@ import pytest
 
 from ghal360_robot.bench import can_feedback, tick
 from ghal360_robot.cli import bench as cli
+from ghal360_robot.config import RobotConfig
 from ghal360_robot.errors import GhalError
 
 
@@ -26,7 +27,7 @@ def test_a_tick_keeps_its_budget_and_leaves_the_interpreter_as_it_was() -> None:
 
 
 def test_the_measured_ticks_are_those_of_a_driving_robot() -> None:
-    ticker = tick.Ticker()
+    ticker = tick.Ticker(tick.Drive(tick.BEGIN_NS, RobotConfig()))
     moved = [ticker.tick()[1] for _ in range(2 * tick.WARM_UP)]
     assert not moved[0]
     assert sum(moved[tick.WARM_UP :]) > tick.LEAST_MOVED * tick.WARM_UP
