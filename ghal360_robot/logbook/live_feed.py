@@ -145,7 +145,8 @@ class LiveFeed:
             try:
                 self._serve()
             except OSError as error:
-                self._said.append(str(error))
+                if str(error):  # a pipe that broke says nothing, and its server has said why
+                    self._said.append(str(error))
             if self._closed.is_set():
                 return
             if time.monotonic() - began_s > WELL_S:

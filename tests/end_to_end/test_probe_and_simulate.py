@@ -79,10 +79,12 @@ def test_a_simulated_camera_is_probed_and_its_stream_saved(tmp_path: Path) -> No
     readings = json.loads((saved / "readings.json").read_text())
     assert readings["survey"]["faces"][0]["configuration"].startswith("0902b001")
     assert readings["survey"]["negotiation"]["PROBE GET_LEN"] == "3000"
-    assert len(readings["survey"]["properties"]) == 49
+    (properties,) = readings["survey"]["properties"].values()  # of one of the camera's two faces: it was live already
+    assert len(properties) == 49
     assert len((saved / "units.csv").read_text().splitlines()) >= found["pictures"]
     assert (saved / "health.csv").read_text().splitlines()[1].endswith(",98,1,0x00000000")
-    assert (saved / "headers.csv").read_text().splitlines()[1].split(",")[3].startswith("02")
+    headers = [row.split(",") for row in (saved / "headers.csv").read_text().splitlines()[1:]]
+    assert {head[:2] for _, _, size, head in headers if size != "0"} == {"02"}  # some microframes are empty
 
 
 def test_a_port_that_is_taken_is_one_sentence() -> None:
