@@ -14,18 +14,12 @@ import json
 import pstats
 import sys
 
-from ghal360_robot.bench.drive import Drive, Replay
-from ghal360_robot.bench.tick import BEGIN_NS, WARM_UP, Ticker, measure
-from ghal360_robot.config import RobotConfig
+from ghal360_robot.bench.tick import WARM_UP, measure, taped
 
 
 def profile(ticks: int) -> None:
     """Print which functions cost most; the profiler itself makes everything about twice as slow."""
-    drive = Drive(BEGIN_NS, RobotConfig())
-    live = Ticker(drive)
-    for _ in range(WARM_UP + ticks):
-        live.tick()
-    ticker = Ticker(Replay(drive))
+    ticker, _ = taped(WARM_UP + ticks)
     for _ in range(WARM_UP):
         ticker.tick()
     profiler = cProfile.Profile()

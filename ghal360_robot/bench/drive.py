@@ -12,18 +12,18 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from drivers.rmp110.codec.commands import request_mode
-from drivers.rmp110.codec.feedback import COMPACT_BITMAPS
 from drivers.rmp110.codec.parameters import RMP110_STORED, ModeRequest, Stored
 from drivers.rmp110.simulator.model import RmpModel
 from ghal360_robot.assembly import lidar_mount
 from ghal360_robot.intent.controller import DriveSettings
 from ghal360_robot.messages import Pose2, Twist
 from ghal360_robot.simulation.lidar_sweep import STEP_NS, Sweep, SweepingLidar
-from ghal360_robot.simulation.plant import Body, advance, move
+from ghal360_robot.simulation.plant import Body
 from ghal360_robot.simulation.random_driver import RandomDriver, Wish
 from ghal360_robot.simulation.walkers import Crowd, Moving
 from ghal360_robot.simulation.walking_ground import Ground
-from ghal360_robot.simulation.world import ROBOT_RADIUS_M, build_world
+from ghal360_robot.simulation.wired_base import BITMAPS
+from ghal360_robot.simulation.world import build_world
 from ghal360_robot.surroundings import look_around
 
 if TYPE_CHECKING:
@@ -33,8 +33,6 @@ if TYPE_CHECKING:
 TICK_NS = 2 * STEP_NS
 PEOPLE = 4
 SEED = 1
-NEAR_M = 0.05
-"""Where the looked-up room is less than this more than the body needs, the exact distance is taken."""
 
 
 class Moment(NamedTuple):
@@ -60,20 +58,18 @@ class Drive:
     """`step` it once a tick, with the frame that the tick before has made."""
 
     def __init__(self, now_ns: int, config: RobotConfig) -> None:
-        bitmaps = {f"feedback_bitmap_{n}": word for n, word in enumerate(COMPACT_BITMAPS, start=1)}
-        self.stored = Stored.of({**RMP110_STORED, **bitmaps})
+        self.stored = Stored.of({**RMP110_STORED, **BITMAPS})
         self.wish = Wish()
         self.tape: list[Moment] = []
         """Every moment so far."""
         self._model = RmpModel(now_ns, self.stored, boot_s=0.0)
         self._model.receive(now_ns + TICK_NS, request_mode(ModeRequest.TRACTOR))
-        self._world = build_world("office", SEED)
-        self._ground = Ground(self._world)
+        self._ground = Ground(build_world("office", SEED))
         rng = np.random.default_rng(SEED)
         x, y = self._ground.draw(rng)
         self._body = Body(Pose2(x, y, float(rng.uniform(-math.pi, math.pi))))
         self._mount = lidar_mount(config)
-        self._lidar = SweepingLidar(self._world, rng)
+        self._lidar = SweepingLidar(self._ground.world, rng)
         self._crowds = [Crowd(self._ground, SEED + n, PEOPLE // 2, self._robot(), courteous=bool(n)) for n in range(2)]
         self._driver = RandomDriver(self._ground, SEED, "stick to places", DriveSettings())
 
@@ -82,7 +78,7 @@ class Drive:
         sweeps = []
         for at_ns in (now_ns - STEP_NS, now_ns):
             self._model.step(at_ns)
-            self._move(Twist(*self._model.twist))
+            self._body, _ = self._ground.rolled(self._body, Twist(*self._model.twist), STEP_NS / 1e9)
             sweep = self._lidar.step(at_ns, self._body.pose, self._legs)
             if sweep is not None:
                 sweeps.append(sweep)
@@ -94,16 +90,8 @@ class Drive:
         self.tape.append(moment)
         return moment
 
-    def _move(self, moving: Twist) -> None:
-        goal = advance(self._body.pose, moving, STEP_NS / 1e9)
-        if self._ground.room_at(goal.x, goal.y) > ROBOT_RADIUS_M + NEAR_M:
-            self._body = Body(goal)
-        else:
-            self._body = move(self._world, self._body, moving, STEP_NS / 1e9, ROBOT_RADIUS_M)
-
     def _legs(self) -> np.ndarray:
         return np.concatenate([crowd.legs() for crowd in self._crowds])
 
     def _robot(self) -> Moving:
-        pose, (v, _) = self._body.pose, self._model.twist
-        return Moving(pose.x, pose.y, v * math.cos(pose.yaw), v * math.sin(pose.yaw), ROBOT_RADIUS_M)
+        return Moving.robot(self._body.pose, self._model.twist[0])

@@ -204,6 +204,15 @@ class Ticker:
             )
 
 
+def taped(ticks: int) -> tuple[Ticker, Twist]:
+    """A ticker on the tape of a drive of so many ticks, and the command that it has to end with."""
+    drive = Drive(BEGIN_NS, RobotConfig())
+    live = Ticker(drive)
+    for _ in range(ticks):
+        live.tick()
+    return Ticker(Replay(drive)), live.twist
+
+
 @contextmanager
 def _as_in_the_robot() -> Iterator[None]:
     """Garbage collection and thread switching as `Robot` sets them, and back."""
@@ -227,11 +236,7 @@ def measure(ticks: int = TICKS) -> TickCost:
 
 
 async def _measure(ticks: int) -> tuple[TickCost, int]:
-    drive = Drive(BEGIN_NS, RobotConfig())
-    live = Ticker(drive)
-    for _ in range(WARM_UP + ticks):
-        live.tick()
-    ticker = Ticker(Replay(drive))
+    ticker, at_last = taped(WARM_UP + ticks)
     parts = np.zeros((ticks, 3), np.int64)
     floor = np.zeros(ticks, np.int64)
     moving = 0
@@ -244,7 +249,7 @@ async def _measure(ticks: int) -> tuple[TickCost, int]:
             began = time.thread_time_ns()
             await asyncio.sleep(0)
             floor[k] = time.thread_time_ns() - began
-    if ticker.twist != live.twist:
+    if ticker.twist != at_last:
         raise GhalError("the same drive led to another command the second time: the safety chain is not pure")
     decode, chain, encoded = (Spread.of(parts[:, k]) for k in range(3))
     return TickCost(ticks, decode, chain, encoded, Spread.of(parts.sum(axis=1)), Spread.of(floor)), moving

@@ -113,8 +113,10 @@ def remember(memory: Memory, inputs: Inputs, limits: SafetyLimits) -> Memory:
         if stamps and _jumped(memory.trail, base, limits):
             memory = Memory(someone_ns=memory.someone_ns)
         driven = _driven(memory.driven, base, limits.ground_memory_s)
-        trail, kept = memory.trail.extended(base), memory
-        memory = Memory(trail, kept.looks, kept.past, kept.people, driven, kept.scene, kept.unsorted, kept.someone_ns)
+        memory = Memory(
+            memory.trail.extended(base), memory.looks, memory.past, memory.people,
+            driven, memory.scene, memory.unsorted, memory.someone_ns,
+        )  # fmt: skip
     if memory.unsorted is not None:
         memory = _sorted_out(memory, memory.unsorted, limits)
     if around is None or (memory.scene is not None and around.stamp_ns == memory.scene.stamp_ns):

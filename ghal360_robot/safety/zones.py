@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from ghal360_robot.safety.limits import SafetyLimits
 
     Floats = NDArray[np.float64]
+    Mask = NDArray[np.bool_]
 
 CRAWL = 0.1
 """m/s: allowed when already too close, as long as the motion takes no clearance away."""
@@ -72,15 +73,15 @@ class Around:
     points: Floats
     resting: Floats
     walking: Floats
-    _squared: dict[tuple[int, Disc], tuple[Floats, bool]] = field(default_factory=dict, repr=False)
+    _squared: dict[tuple[int, Disc], tuple[Floats, Mask | None]] = field(default_factory=dict, repr=False)
 
-    def squared(self, points: Floats, disc: Disc) -> tuple[Floats, bool]:
-        """Square metres (n,) from the disc's centre, and whether anything is deep inside; worked out once a tick."""
+    def squared(self, points: Floats, disc: Disc) -> tuple[Floats, Mask | None]:
+        """Square metres (n,) from the disc's centre, and which are deep inside, None for none; once a tick."""
         key = id(points), disc
         if key not in self._squared:
             squared = (points[:, 0] - disc.x) ** 2 + (points[:, 1] - disc.y) ** 2
-            inner = max(disc.radius - DEEP_M, 0.0)
-            self._squared[key] = squared, bool(len(squared)) and float(squared.min()) < inner * inner
+            deep = squared < max(disc.radius - DEEP_M, 0.0) ** 2
+            self._squared[key] = squared, deep if deep.any() else None
         return self._squared[key]
 
 
@@ -163,10 +164,9 @@ def _zones(
     What is deep inside the outline (a cable, dirt on the window) is judged by itself: how close it is says nothing
     about how close the rest may come.
     """
-    squared, any_deep = around.squared(points, disc)
-    if not any_deep:
+    squared, deep = around.squared(points, disc)
+    if deep is None:
         return _zone(points, squared, twist, disc, limits, measured, berth)
-    deep = squared < max(disc.radius - DEEP_M, 0.0) ** 2
     parts = (deep, ~deep)
     return _worst(_zone(points[part], squared[part], twist, disc, limits, measured, berth) for part in parts)
 

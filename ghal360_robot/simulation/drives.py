@@ -23,7 +23,7 @@ from ghal360_robot.safety.collision import watch
 from ghal360_robot.safety.mux import TELEOP
 from ghal360_robot.simulation.drive_judge import SAMPLE_S, Contact, ContactJudge, Fault, Standstill, StandstillJudge
 from ghal360_robot.simulation.lidar_sweep import STEP_NS, SweepingLidar
-from ghal360_robot.simulation.plant import Body, advance, move
+from ghal360_robot.simulation.plant import Body
 from ghal360_robot.simulation.random_driver import STYLE_SHARES, STYLES, RandomDriver, Style, Wish
 from ghal360_robot.simulation.walkers import Crowd, Moving
 from ghal360_robot.simulation.walking_ground import Ground
@@ -47,8 +47,6 @@ WHEELS = 0.01
 WORLDS = 100
 """Half of them offices, half homes; drives are numbered so that consecutive ones are in different worlds."""
 PEOPLE = (1, 4)
-NEAR_M = 0.05
-"""Where the looked-up room is less than this more than the body needs, the exact distance is taken."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,13 +242,10 @@ class _Run:
         return moving
 
     def _move(self, now_s: float, moving: Twist) -> None:
-        goal = advance(self.body.pose, moving, STEP_NS / 1e9)
-        if self.ground.room_at(goal.x, goal.y) > ROBOT_RADIUS_M + NEAR_M:
-            gone = math.hypot(goal.x - self.body.pose.x, goal.y - self.body.pose.y)
-            self.body = Body(goal, self.body.distance_m + gone, self.body.collisions)
+        self.body, near = self.ground.rolled(self.body, moving, STEP_NS / 1e9)
+        if not near:
             self.base.model.unblock()
             return
-        self.body = move(self.world, self.body, moving, STEP_NS / 1e9, ROBOT_RADIUS_M)
         clearance = self.world.clearance(self.body.pose.x, self.body.pose.y)
         self.least_clearance_m = min(self.least_clearance_m, clearance)
         self.contacts.touched_solid(now_s, self.body.collisions, moving.v)
@@ -260,8 +255,7 @@ class _Run:
             self.base.model.unblock()
 
     def _moving(self, twist: Twist) -> Moving:
-        pose = self.body.pose
-        return Moving(pose.x, pose.y, twist.v * math.cos(pose.yaw), twist.v * math.sin(pose.yaw), ROBOT_RADIUS_M)
+        return Moving.robot(self.body.pose, twist.v)
 
     def _keep_count(self, now_s: float, moving: Twist, applied: Applied) -> None:
         self.asked += self.wish.motion

@@ -14,10 +14,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ghal360_robot.simulation.walking_ground import PERSON_WAY_M
+from ghal360_robot.simulation.world import ROBOT_RADIUS_M
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from ghal360_robot.messages import Pose2
     from ghal360_robot.simulation.walking_ground import Ground
 
     Floats = NDArray[np.float64]
@@ -79,6 +81,11 @@ class Moving:
     vx: float
     vy: float
     radius: float
+
+    @classmethod
+    def robot(cls, pose: Pose2, v: float) -> Moving:
+        """The robot at `pose`, driving at `v` m/s."""
+        return cls(pose.x, pose.y, v * math.cos(pose.yaw), v * math.sin(pose.yaw), ROBOT_RADIUS_M)
 
 
 class Crowd:

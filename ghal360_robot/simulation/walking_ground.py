@@ -12,10 +12,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ghal360_robot.simulation.floor_grid import CELL_M, flood, walking_distance
+from ghal360_robot.simulation.plant import Body, advance, move
+from ghal360_robot.simulation.world import ROBOT_RADIUS_M
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from ghal360_robot.messages import Twist
     from ghal360_robot.simulation.world import World
 
 FINE_M = 0.05
@@ -28,6 +31,8 @@ PLACE_ROOM_M = 0.48
 """Clearance of a place to go to or to start from."""
 PERSON_WAY_M, ROBOT_WAY_M = 0.34, 0.50
 """Clearance of the ways of people, and of the robot: every room can be reached with 0.52 m (placement)."""
+NEAR_M = 0.05
+"""Where the looked-up room is less than this more than the robot needs, the exact distance is taken."""
 LOOK_CELLS = 12
 """How far along the way a walker looks for the next point to walk to straight."""
 
@@ -83,6 +88,14 @@ class Ground:
         if not (0 <= row < len(self._rows) and 0 <= column < len(self._rows[0])):
             return 0.0
         return max(self._rows[row][column] - COARSENESS_M, 0.0)
+
+    def rolled(self, body: Body, moving: Twist, dt_s: float) -> tuple[Body, bool]:
+        """The robot's body after `dt_s`, and whether anything is near it: only there it may touch."""
+        goal = advance(body.pose, moving, dt_s)
+        if self.room_at(goal.x, goal.y) <= ROBOT_RADIUS_M + NEAR_M:
+            return move(self.world, body, moving, dt_s, ROBOT_RADIUS_M), True
+        gone = math.hypot(goal.x - body.pose.x, goal.y - body.pose.y)
+        return Body(goal, body.distance_m + gone, body.collisions), False
 
     def aim(
         self, way_m: float, here: tuple[float, float], goal: tuple[float, float]
