@@ -190,6 +190,16 @@ class Received:
 
 
 @dataclass(frozen=True, slots=True)
+class Bookmark:
+    """This moment of the run is to be found again."""
+
+    stamp_ns: int
+    holder: str
+    """Who wants that: a connection of the page, a signal, or the robot itself."""
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class Command:
     """A velocity somebody asks for; `source` is one of the mux's (teleop, autonomy, test)."""
 

@@ -35,7 +35,7 @@ from ghal360_robot.hardware.base import BaseOutput
 from ghal360_robot.hardware.camera import CameraInput
 from ghal360_robot.hardware.lidar import LidarInput
 from ghal360_robot.journal import Journal, RunReport, device_report
-from ghal360_robot.logbook.handler import LogbookHandler
+from ghal360_robot.logbook.handler import RECORDED, LogbookHandler
 from ghal360_robot.logbook.recorder import Recorder
 from ghal360_robot.logbook.recovery import start_recovery
 from ghal360_robot.logbook.statics import Mount
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 
     from drivers.theta_v.codec.access_units import AccessUnit
     from ghal360_robot.config import RobotConfig
-    from ghal360_robot.messages import Applied, Decision, Detections, Inputs, LinkStats, OperatorInput
+    from ghal360_robot.messages import Applied, Bookmark, Decision, Detections, Inputs, LinkStats, OperatorInput
 
 logger = logging.getLogger(__name__)
 
@@ -133,6 +133,11 @@ class Robot:
             self.recorder.operator_refused(message.stamp_ns, message.holder, why_not)
         else:
             self.recorder.operator(message)
+
+    def bookmark(self, mark: Bookmark) -> None:
+        """Somebody wants to find this moment again."""
+        self.recorder.bookmark(mark)
+        logger.info("bookmark by %s: %s", mark.holder, mark.note or "(no note)", extra=RECORDED)
 
     def links(self) -> dict[str, LinkStats]:
         return {device.name: device.stats() for device in self.inputs}

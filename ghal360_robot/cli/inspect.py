@@ -57,5 +57,7 @@ def _print(report: RecordingReport, console: Console) -> None:
     )
     for reason, seconds in sorted(decisions.stop_s.items(), key=lambda item: -item[1]):
         console.print(f"  held {seconds:.1f} s: {escape(reason)}")
+    for mark in report.bookmarks:
+        console.print(f"bookmark at {mark.at_s:.1f} s by {escape(mark.holder)}: {escape(mark.note) or '(no note)'}")
     for complaint in (*report.damage, *report.complaints):
         console.print(f"[yellow]{escape(complaint)}[/]")

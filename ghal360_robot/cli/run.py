@@ -50,7 +50,8 @@ def run(
 ) -> None:
     """Run the robot until SIGTERM, Ctrl-C or the end of --duration.
 
-    With `--operator page` it serves the telepresence page and says at which address.
+    With `--operator page` it serves the telepresence page and says at which address. SIGUSR1 sets a bookmark in the
+    recording.
 
     Example: ghal360 run --sim --operator virtual --target backpack --duration 60
     """

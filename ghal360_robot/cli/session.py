@@ -19,6 +19,7 @@ from rich.table import Table
 from ghal360_robot.cli.status import status
 from ghal360_robot.cli.terminal import log_lines, status_line
 from ghal360_robot.config import with_overrides
+from ghal360_robot.messages import Bookmark
 from ghal360_robot.robot import Operator, Robot
 from ghal360_robot.simulation.remote_operator import RemoteOperator
 from ghal360_robot.simulation.session import SimulatedHardware, SimulationError
@@ -78,6 +79,7 @@ async def _run(session: Session, console: Console) -> Ended:
 
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().add_signal_handler(number, interrupt)
+    signal.signal(signal.SIGUSR1, signal.SIG_IGN)  # until there is something to mark: by default it ends the process
     async with AsyncExitStack() as stack:
         config, hardware = session.config, None
         operator: Operator | None = None
@@ -94,6 +96,7 @@ async def _run(session: Session, console: Console) -> Ended:
         robot = Robot(config, page or operator, session.record_to, None if page is None else page.offer)
         if hardware is not None:
             hardware.record_into(robot)
+        asyncio.get_running_loop().add_signal_handler(signal.SIGUSR1, _bookmark, robot)
         watching = asyncio.create_task(_watch(session, robot, hardware, stop, console), name="watch")
         watching.add_done_callback(lambda _: stop.set())
         try:
@@ -105,6 +108,10 @@ async def _run(session: Session, console: Console) -> Ended:
         if hardware is not None:
             report = replace(report, simulation=hardware.summary())
         return Ended(report, interrupted.is_set())
+
+
+def _bookmark(robot: Robot) -> None:
+    robot.bookmark(Bookmark(time.monotonic_ns(), "SIGUSR1"))
 
 
 def simulated(config: RobotConfig, hardware: SimulatedHardware) -> RobotConfig:

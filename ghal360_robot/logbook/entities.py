@@ -152,6 +152,16 @@ OPERATOR_REFUSED = Table(
 )
 """Messages that were not taken in: who claims to have sent them, and why they were refused."""
 
+LOG_BOOKMARK = Table(
+    "log/bookmark",
+    (
+        Column(rr.TextLog.descriptor_text(), TEXT),
+        Column(rr.TextLog.descriptor_level(), TEXT),
+        own("Bookmark", "holder", TEXT),
+        own("Bookmark", "note", TEXT),
+    ),
+)
+
 SCENE_WEDGES = Table("scene/wedges", (SCALARS,), on_change=True, keepalive_ns=KEEPALIVE_NS)
 GUIDANCE_CUE = Table("guidance/cue", (STATE, own("Cue", "target_yaw", F64)), on_change=True, keepalive_ns=KEEPALIVE_NS)
 GUIDANCE_Q = Table("guidance/q", (SCALARS,), on_change=True, keepalive_ns=KEEPALIVE_NS)

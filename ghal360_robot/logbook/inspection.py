@@ -28,6 +28,7 @@ NS = 1e9
 
 # Complaints repeat; the first ones tell.
 MAX_COMPLAINTS = 20
+MAX_BOOKMARKS = 300
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +87,14 @@ class DecisionReport:
 
 
 @dataclass(frozen=True, slots=True)
+class BookmarkReport:
+    at_s: float
+    """Seconds since the recording's first row."""
+    holder: str
+    note: str
+
+
+@dataclass(frozen=True, slots=True)
 class RecordingReport:
     run_id: str
     duration_s: float
@@ -100,6 +109,8 @@ class RecordingReport:
     lateness_ms: Spread
     work_ms: Spread
     decisions: DecisionReport
+    bookmarks: tuple[BookmarkReport, ...]
+    """The first few hundred."""
     complaints: tuple[str, ...]
     """Warnings and errors in the log, the first few."""
 
@@ -119,7 +130,7 @@ def inspect_run(path: Path) -> RecordingReport:
 
 
 def report(reader: RunReader) -> RecordingReport:
-    entities, duration_s = _entities(reader)
+    entities, begin_ns, duration_s = _entities(reader)
     tally = _Tally()
     for tick in reader.ticks():
         tally.add(tick)
@@ -135,6 +146,7 @@ def report(reader: RunReader) -> RecordingReport:
         lateness_ms=_spread(tally.lateness_ms),
         work_ms=_spread(tally.work_ms),
         decisions=tally.decisions(_distance_m(reader)),
+        bookmarks=tuple(itertools.islice(_bookmarks(reader, begin_ns), MAX_BOOKMARKS)),
         complaints=tuple(itertools.islice(_complaints(reader), MAX_COMPLAINTS)),
         damage=tuple(reader.damage),
     )
@@ -206,7 +218,14 @@ def _complaints(reader: RunReader) -> Iterator[str]:
     return (f"{t.source}: {t.text}" for t in reader.texts() if t.level in ("WARN", "ERROR", "CRITICAL"))
 
 
-def _entities(reader: RunReader) -> tuple[tuple[EntityReport, ...], float]:
+def _bookmarks(reader: RunReader, begin_ns: int) -> Iterator[BookmarkReport]:
+    for mark in reader.bookmarks():
+        at_s = (reader.anchor.to_wall(mark.stamp_ns) - begin_ns) / NS
+        yield BookmarkReport(round(at_s, 3), mark.holder, mark.note)
+
+
+def _entities(reader: RunReader) -> tuple[tuple[EntityReport, ...], int, float]:
+    """The reports, the stamp of the first row (wall clock), and the seconds from there to the last."""
     times: dict[str, list[NDArray[np.int64]]] = {}
     ids: dict[str, list[bytes]] = {}
     sizes: Counter[str] = Counter()
@@ -219,7 +238,7 @@ def _entities(reader: RunReader) -> tuple[tuple[EntityReport, ...], float]:
                 ids.setdefault(entity, []).extend(chunk_row_ids(chunk))
                 sizes[entity] += chunk.to_record_batch().nbytes
     if not times:
-        return (), 0.0
+        return (), 0, 0.0
     begin = min(int(stamps.min()) for chunks in times.values() for stamps in chunks)
     end = max(int(stamps.max()) for chunks in times.values() for stamps in chunks)
     reports = []
@@ -239,7 +258,7 @@ def _entities(reader: RunReader) -> tuple[tuple[EntityReport, ...], float]:
                 max_gap_s=float(np.diff(stamps).max()) / NS if len(stamps) > 1 else 0.0,
             )
         )
-    return tuple(reports), (end - begin) / NS
+    return tuple(reports), begin, (end - begin) / NS
 
 
 def _video(reader: RunReader) -> VideoReport:

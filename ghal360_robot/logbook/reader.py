@@ -20,6 +20,7 @@ from ghal360_robot.logbook.wal import SUFFIX
 from ghal360_robot.messages import (
     BaseMode,
     BaseState,
+    Bookmark,
     Detection,
     Detections,
     HeadPose,
@@ -222,6 +223,10 @@ class RunReader:
         """Everything under `log/`, merged by time."""
         sources = [e for e in self.entities() if e.startswith("log/")]
         return heapq.merge(*map(self._texts, sources), key=lambda text: text.stamp_ns)
+
+    def bookmarks(self) -> Iterator[Bookmark]:
+        for row in self.rows("log/bookmark"):
+            yield Bookmark(self._stamp(row), row.values["Bookmark:holder"][0], row.values["Bookmark:note"][0])
 
     def truths(self) -> Iterator[Truth]:
         for row in self.rows("sim/truth"):

@@ -22,7 +22,7 @@ from ghal360_robot.logbook.statics import APPLICATION_ID, Mount, Run
 from ghal360_robot.logbook.store import Store
 from ghal360_robot.logbook.tick_drawing import TickRows
 from ghal360_robot.logbook.writer import Writer
-from ghal360_robot.messages import ArmState
+from ghal360_robot.messages import ArmState, Bookmark
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -52,8 +52,13 @@ if TYPE_CHECKING:
 # systemd and the person at the robot both wait for this one.
 CLOSE_TIMEOUT_S = 2.5
 
+ROBOT = "robot"
+"""Who sets the bookmarks that nobody sets."""
+
+# What meta.json lists; the recording has all of them.
 MAX_BOOKMARKS = 100
 MAX_NAME = 64
+MAX_NOTE = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,12 +88,13 @@ class RecorderStats:
 
 
 @dataclass(frozen=True, slots=True)
-class Bookmark:
-    """A moment somebody wants to find again."""
+class BookmarkEntry:
+    """A bookmark as meta.json lists it."""
 
     stamp_ns: int
     wall: str
-    reason: str
+    holder: str
+    note: str
     part: str
 
 
@@ -130,7 +136,7 @@ class Recorder:
         self._part = PartFile(application_id, self._run)
         self._mailbox: Mailbox[Entry] = Mailbox(max_bytes, max_entries)
         self._live = None if live is None else LiveFeed(live, self._run)
-        self._bookmarks: list[Bookmark] = []
+        self._bookmarks: list[BookmarkEntry] = []
         self._estop = False
         self._tick_rows = TickRows(mounts)
 
@@ -178,21 +184,19 @@ class Recorder:
         )
 
     @property
-    def bookmarks(self) -> tuple[Bookmark, ...]:
+    def bookmarks(self) -> tuple[BookmarkEntry, ...]:
+        """The first hundred."""
         return tuple(self._bookmarks)
 
-    def bookmark(self, reason: str) -> None:
-        """Mark this moment: named in log and meta.json, with pictures from 30 s before to 30 s after it.
-
-        From any thread; the first hundred are kept.
-        """
-        if len(self._bookmarks) >= MAX_BOOKMARKS:
-            return
-        now_ns = time.monotonic_ns()
-        wall = datetime.fromtimestamp(self.anchor.to_wall(now_ns) / 1e9, UTC).isoformat(timespec="milliseconds")
-        self._bookmarks.append(Bookmark(now_ns, wall, reason, self.stats.part))
-        self.text(now_ns, "bookmark", "INFO", reason)
+    def bookmark(self, mark: Bookmark) -> None:
+        """Mark a moment: named in log and meta.json, with pictures from 30 s before to 30 s after it."""
+        mark = Bookmark(mark.stamp_ns, mark.holder[:MAX_NAME], mark.note[:MAX_NOTE])
+        self._put("log/bookmark", partial(rows.bookmark, mark), len(mark.note))
         self._writer.store.bookmark()
+        if len(self._bookmarks) < MAX_BOOKMARKS:
+            wall = datetime.fromtimestamp(self.anchor.to_wall(mark.stamp_ns) / 1e9, UTC)
+            told = wall.isoformat(timespec="milliseconds"), mark.holder, mark.note, self.stats.part
+            self._bookmarks.append(BookmarkEntry(mark.stamp_ns, *told))
 
     def access_unit(self, stamp_ns: int, data: bytes, sequence: int, keyframe: bool, tainted: bool) -> None:
         """One H.264 access unit as received (Annex B); `keyframe` only for an IDR that brings its SPS.
@@ -237,7 +241,7 @@ class Recorder:
         self._put("loop/inputs", partial(self._tick_rows.rows, inputs, decision, applied, lateness_ms, work_ms))
         stopped = applied.arm is ArmState.ESTOP
         if stopped and not self._estop:
-            self.bookmark("emergency stop: " + ", ".join(applied.reasons))
+            self.bookmark(Bookmark(inputs.stamp_ns, ROBOT, "emergency stop: " + ", ".join(applied.reasons)))
         self._estop = stopped
 
     def link(self, device: str, stats: LinkStats) -> None:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ghal360_robot.messages import (
         Applied,
         BaseState,
+        Bookmark,
         Decision,
         Detections,
         Inputs,
@@ -158,6 +159,11 @@ def received(wish: Received) -> Iterator[Row]:
 
 def operator_refused(stamp_ns: int, holder: str, reason: str) -> Iterator[Row]:
     yield Row(entities.OPERATOR_REFUSED, stamp_ns, ([f"{holder or 'somebody'}: {reason}"], ["WARN"]))
+
+
+def bookmark(mark: Bookmark) -> Iterator[Row]:
+    text = f"{mark.holder}: {mark.note}" if mark.note else mark.holder
+    yield Row(entities.LOG_BOOKMARK, mark.stamp_ns, ([text], ["INFO"], [mark.holder], [mark.note]))
 
 
 def link(stamp_ns: int, device: str, stats: LinkStats) -> Iterator[Row]:

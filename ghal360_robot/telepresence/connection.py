@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 RATE_HZ, BURST = 120.0, 120.0
 """A headset sends 50 wishes, 30 pictures shown and 8 answers a second."""
 
+BOOKMARK_HZ, BOOKMARK_BURST = 0.2, 3.0
+"""As many moments as a person finds remarkable, and no way to fill a disk."""
+
 MAX_MALFORMED = 5
 """A page of ours sends none; who sends so many is none of ours."""
 
@@ -67,6 +70,7 @@ class Connection:
     allowance: Allowance = field(default_factory=lambda: Allowance(RATE_HZ, BURST))
     complaints: Allowance = field(default_factory=lambda: Allowance(1.0, 5.0))
     """How often what is refused of it goes into the log."""
+    bookmarks: Allowance = field(default_factory=lambda: Allowance(BOOKMARK_HZ, BOOKMARK_BURST))
     gate: Gate = field(init=False)
     holder: str = field(init=False)
     malformed: int = 0

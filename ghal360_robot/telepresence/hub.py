@@ -16,6 +16,7 @@ from ghal360_robot.telepresence.connection import MAX_MALFORMED, Connection
 from ghal360_robot.telepresence.lease_desk import Desk
 from ghal360_robot.telepresence.protocol import (
     VERSION,
+    Bookmark,
     Echo,
     Hello,
     LeaseWish,
@@ -132,6 +133,8 @@ class Hub:
                 self._stop(connection, message)
             case LeaseWish():
                 self._wish(connection, message, now_ns)
+            case Bookmark():
+                self._bookmark(connection, message, now_ns)
             case Shown():
                 if connection.delays.shown(message.seq, now_ns) and connection.video is not None:
                     connection.video.shown(message.seq)
@@ -233,6 +236,14 @@ class Hub:
             return
         if isinstance(message, Stop):
             self._stop(connection, message)
+
+    def _bookmark(self, connection: Connection, message: Bookmark, now_ns: int) -> None:
+        if not connection.bookmarks.spend(now_ns):
+            self._refuse(connection, "bookmark", "wait a few seconds before the next one")
+            return
+        # It goes to terminals as well: no escape sequences, one line.
+        note = " ".join("".join(c if c.isprintable() else " " for c in message.note).split())
+        self._tell("bookmark", {"stamp_ns": now_ns, "holder": connection.holder, "note": note})
 
     def _wish(self, connection: Connection, message: LeaseWish, now_ns: int) -> None:
         if connection.role is not Role.DRIVER:

@@ -16,7 +16,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from ghal360_robot.errors import GhalError
-from ghal360_robot.messages import Cue, HeadPose, Lease, Lock, OperatorInput, Received, Twist
+from ghal360_robot.messages import Bookmark, Cue, HeadPose, Lease, Lock, OperatorInput, Received, Twist
 from ghal360_robot.telepresence import link
 from ghal360_robot.telepresence.access import in_address
 from ghal360_robot.telepresence.state import Watch, scan, state
@@ -205,6 +205,8 @@ class PageOperator:
                 board.put_lock(Lock(**value))
             case "stop":
                 (board.estop if value == "estop" else board.stop)()
+            case "bookmark":
+                robot.bookmark(Bookmark(**value))
             case "log":
                 level, text = value
                 said.log(level if level in {logging.INFO, logging.WARNING} else logging.ERROR, "%s", text)

@@ -18,6 +18,7 @@ MAX_TEXT_BYTES = 2048
 """A page's longest message has 400 bytes."""
 
 MAX_WORDS = 300
+MAX_NOTE = 200
 MAX_BOXES = 32
 MAX_APPROACHING = 12
 MAX_REASONS = 12
@@ -84,6 +85,13 @@ class LeaseWish(Message):
     wish: Literal["ask", "take", "release", "hand_over", "keep"]
 
 
+class Bookmark(Message):
+    """Anybody may mark this moment in the recording, with a few words on it."""
+
+    kind: Literal["bookmark"]
+    note: Annotated[str, Field(max_length=MAX_NOTE)] = ""
+
+
 class Shown(Message):
     """The newest picture that is on the screen, and how it is going."""
 
@@ -107,7 +115,7 @@ class Ping(Message):
     t0: Millis
 
 
-FromPage = Annotated[Operate | Stop | LeaseWish | Shown | Echo | Ping, Field(discriminator="kind")]
+FromPage = Annotated[Operate | Stop | LeaseWish | Bookmark | Shown | Echo | Ping, Field(discriminator="kind")]
 
 
 class Speed(Message):
@@ -280,7 +288,7 @@ FromServer = Annotated[
     Hello | Pong | Probe | State | Scan | Floor | Right | Quality | Refused, Field(discriminator="kind")
 ]
 
-_FROM_PAGE: TypeAdapter[Operate | Stop | LeaseWish | Shown | Echo | Ping] = TypeAdapter(FromPage)
+_FROM_PAGE: TypeAdapter[Operate | Stop | LeaseWish | Bookmark | Shown | Echo | Ping] = TypeAdapter(FromPage)
 FROM_SERVER: TypeAdapter[Hello | Pong | Probe | State | Scan | Floor | Right | Quality | Refused] = TypeAdapter(
     FromServer
 )
@@ -290,7 +298,7 @@ class MalformedError(ValueError):
     """A message that is none; the text is for the log."""
 
 
-def parse(text: str) -> Operate | Stop | LeaseWish | Shown | Echo | Ping:
+def parse(text: str) -> Operate | Stop | LeaseWish | Bookmark | Shown | Echo | Ping:
     """A message from a page. Raises MalformedError for anything else."""
     if len(text) > MAX_TEXT_BYTES:
         raise MalformedError(f"message of {len(text)} characters")

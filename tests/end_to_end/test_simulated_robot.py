@@ -214,7 +214,7 @@ def test_a_silent_operator_means_zero_on_the_wire_within_300_ms(tmp_path: Path) 
     assert (moving[-1] - hand.last_ns) / 1e6 <= 300
 
 
-def test_sigterm_stops_the_base_and_closes_the_recording(tmp_path: Path) -> None:
+def test_sigusr1_is_a_bookmark_and_sigterm_stops_the_base_and_closes_the_recording(tmp_path: Path) -> None:
     words = ["run", "--sim", "--operator", "virtual", "--seed", "3", "--record", str(tmp_path), "--json"]
     running = subprocess.Popen(
         [sys.executable, "-m", "ghal360_robot", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -224,6 +224,7 @@ def test_sigterm_stops_the_base_and_closes_the_recording(tmp_path: Path) -> None
             # The search of this seed begins to drive after ten seconds and takes half a minute.
             with pytest.raises(subprocess.TimeoutExpired):
                 running.wait(20)
+            running.send_signal(signal.SIGUSR1)
             running.terminate()
             began = time.monotonic()
             out, err = running.communicate(timeout=20)
@@ -239,6 +240,7 @@ def test_sigterm_stops_the_base_and_closes_the_recording(tmp_path: Path) -> None
     assert any(any(pair) for _, pair in motion)
     assert motion[-1][1] == (0.0, 0.0)
     assert modes[-1] == 4  # STANDBY
+    assert "by SIGUSR1: (no note)" in ghal360("inspect", run).out
 
 
 def test_real_panoramas_and_real_telegrams_run_through_the_same_wires(shared_data: Path, tmp_path: Path) -> None:

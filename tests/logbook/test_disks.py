@@ -17,6 +17,7 @@ from ghal360_robot.logbook.disk import Disk, Level, Watermarks
 from ghal360_robot.logbook.reader import RunReader
 from ghal360_robot.logbook.recorder import Recorder
 from ghal360_robot.logbook.settings import RecorderSettings
+from ghal360_robot.messages import Bookmark
 from tests.logbook import robot
 
 if TYPE_CHECKING:
@@ -188,21 +189,33 @@ def test_around_a_bookmark_video_is_recorded_from_before_it_on(tmp_path: Path) -
     with RunReader(recorder.folder) as reader:
         assert list(reader.access_units()) == []
         assert len(list(reader.telegrams())) == 10
-    recorder.bookmark("something fell")
+    recorder.bookmark(Bookmark(T0 + 9, "page-1", "something fell"))
     feed(recorder, 10, 10)
     assert recorder.close()
     assert recorder.stats.not_recorded == ()
     with RunReader(recorder.folder) as reader:
         assert [unit.sequence for unit in reader.access_units()] == list(range(20))
-        assert [text.text for text in reader.texts() if text.source == "bookmark"] == ["something fell"]
+        assert list(reader.bookmarks()) == [Bookmark(T0 + 9, "page-1", "something fell")]
+        assert [text.text for text in reader.texts() if text.source == "bookmark"] == ["page-1: something fell"]
     (mark,) = json.loads((recorder.folder / "meta.json").read_text())["bookmarks"]
-    assert (mark["reason"], mark["part"]) == ("something fell", "part-000.rrd")
+    assert (mark["note"], mark["part"]) == ("something fell", "part-000.rrd")
 
 
 def test_an_emergency_stop_is_a_bookmark_once(recorder: Recorder) -> None:
     for k in range(30, 70):
         recorder.tick(robot.inputs(T0 + k, k), robot.decision(k), robot.applied(k), 0.0, 0.0)
-    assert [mark.reason.partition(":")[0] for mark in recorder.bookmarks] == ["emergency stop"]
+    assert [mark.note.partition(":")[0] for mark in recorder.bookmarks] == ["emergency stop"]
+
+
+def test_meta_lists_the_first_hundred_bookmarks_and_the_recording_all_of_them_cut_to_size(recorder: Recorder) -> None:
+    for k in range(105):
+        recorder.bookmark(Bookmark(T0 + k, "x" * 1000, f"{k}" + "y" * 1000))
+    assert recorder.close()
+    with RunReader(recorder.folder) as reader:
+        marks = list(reader.bookmarks())
+    assert [mark.note[:3].rstrip("y") for mark in marks] == [f"{k}" for k in range(105)]
+    assert {(len(mark.holder), len(mark.note)) for mark in marks} == {(64, 200)}
+    assert len(recorder.bookmarks) == 100
 
 
 def test_meta_says_what_the_run_was_and_how_it_ended(tmp_path: Path) -> None:

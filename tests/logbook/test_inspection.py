@@ -11,7 +11,7 @@ import pytest
 from ghal360_robot.logbook.blueprint import operator_blueprint
 from ghal360_robot.logbook.inspection import RecordingReport, inspect_run
 from ghal360_robot.logbook.recorder import Recorder
-from ghal360_robot.messages import Applied, ArmState, BaseMode, BaseState, Cue, Decision, Pose2, Twist
+from ghal360_robot.messages import Applied, ArmState, BaseMode, BaseState, Bookmark, Cue, Decision, Pose2, Twist
 from tests.logbook import robot
 
 if TYPE_CHECKING:
@@ -38,6 +38,8 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> RecordingReport:
             recorder.tick(seen, decision, Applied(twist, ArmState.ARMED, reasons), float(k % 100), 1.0)
         if k % 5 == 0 and not 50 < k < 100:
             recorder.access_unit(stamp, bytes(1000), k // 5, k == 0, k == 10)
+    recorder.bookmark(Bookmark(T0 + 3 * SECOND, "page-1", "the door"))
+    recorder.bookmark(Bookmark(T0 + 4 * SECOND, "SIGUSR1"))
     recorder.text(T0, "tim571", "WARN", "no answer")
     recorder.text(T0, "tim571", "INFO", "connected")
     recorder.close()
@@ -78,6 +80,11 @@ def test_decisions_tell_what_was_shown_meant_driven_and_held_back(report: Record
     assert decisions.armed_s == {"armed": pytest.approx(10.0)}
     assert decisions.distance_m == pytest.approx(5.0)
     assert decisions.stop_s == {"a person is near": pytest.approx(2.0)}
+
+
+def test_bookmarks_say_when_who_and_why(report: RecordingReport) -> None:
+    found = [(mark.at_s, mark.holder, mark.note) for mark in report.bookmarks]
+    assert found == [(3.004, "page-1", "the door"), (4.004, "SIGUSR1", "")]
 
 
 def test_complaints_are_warnings_and_worse(report: RecordingReport) -> None:

@@ -121,6 +121,20 @@ def test_anybody_may_stop_and_each_press_counts_once(desk: Desk, role: Role, lev
     assert desk.said("stop") == [level, level]
 
 
+@pytest.mark.parametrize("role", list(Role))
+def test_anybody_may_set_a_bookmark_but_not_one_after_the_other(desk: Desk, role: Role) -> None:
+    page = desk.open(role)
+    for note in ("the door\n is \x1b[2Jlocked", "", "x" * 200, "y"):
+        page.send(kind="bookmark", note=note)
+    marks = desk.said("bookmark")
+    assert [mark["note"] for mark in marks] == ["the door is [2Jlocked", "", "x" * 200]
+    assert marks[0] == {"stamp_ns": desk.now_ns, "holder": page.connection.holder, "note": marks[0]["note"]}
+    assert "wait" in page.heard("refused")[-1]["why"]
+    desk.wait(5.1)
+    page.send(kind="bookmark")
+    assert len(desk.said("bookmark")) == 4
+
+
 def test_replayed_old_and_future_wishes_move_nothing_and_are_recorded(desk: Desk) -> None:
     page = desk.open()
     page.drive()

@@ -20,6 +20,8 @@ from drivers.theta_v.codec.access_units import AccessUnit
 from ghal360_robot.board import Board, make_board
 from ghal360_robot.config import RobotConfig, with_overrides
 from ghal360_robot.errors import UsageError
+from ghal360_robot.logbook import recorder as logbook
+from ghal360_robot.logbook.inspection import inspect_run
 from ghal360_robot.messages import OperatorInput, Received
 from ghal360_robot.telepresence.frames import HEADER
 from ghal360_robot.telepresence.operator import PageError, PageOperator
@@ -45,6 +47,7 @@ class Robot:
     board: Board = field(default_factory=lambda: make_board(RobotConfig(), 20.0))
     recorder: Recorder = field(default_factory=Recorder)
     loop: Any = field(default_factory=lambda: SimpleNamespace(newest=None))
+    bookmark: Any = None
 
     def take_operator(self, message: OperatorInput) -> None:
         self.board.put_operator(message)
@@ -138,6 +141,18 @@ async def test_what_the_driver_does_is_on_the_board_and_in_the_recording() -> No
         await met(lambda: robot.board.lease is None, "and gives the controls back")
     assert [w.verdict for w in robot.recorder.wishes[:2]] == ["taken", "taken"]
     assert robot.recorder.wishes[-1].verdict == "replayed or overtaken"
+
+
+async def test_a_bookmark_of_the_page_is_in_the_recording(tmp_path: Path) -> None:
+    robot = Robot()
+    with logbook.Recorder(tmp_path, properties={}, config_json="") as recording:
+        robot.bookmark = recording.bookmark
+        async with running(robot) as page, opened(page) as (ws, _, _):
+            await ws.send_json({"kind": "bookmark", "note": "the door is locked"})
+            await met(lambda: recording.bookmarks, "the bookmark")
+    (mark,) = inspect_run(recording.folder).bookmarks
+    assert mark.holder.startswith("page-1-")
+    assert mark.note == "the door is locked"
 
 
 async def test_a_process_that_dies_takes_the_lease_with_it_and_comes_back_at_its_address(

@@ -104,7 +104,7 @@ EXAMPLES: dict[str, list[dict[str, Any]]] = {
     "FromPage": [
         OPERATE, {**OPERATE, "stick": None}, {"kind": "stop", "level": "estop", "press": 1},
         {"kind": "lease", "wish": "ask"}, {"kind": "shown", "seq": 3, "dropped": 0}, {"kind": "echo", "nonce": 7},
-        {"kind": "ping", "t0": 12.5},
+        {"kind": "ping", "t0": 12.5}, {"kind": "bookmark"}, {"kind": "bookmark", "note": "the door is locked"},
     ],
     "FromServer": [
         {"kind": "pong", "t0": 1.0, "received_us": 1, "sent_us": 2}, {"kind": "probe", "nonce": 1},

@@ -2,6 +2,11 @@
 
 export const VERSION = 1;
 
+export interface Bookmark {
+  kind: "bookmark";
+  note?: string;
+}
+
 export interface Box {
   name: string;
   score: number;
@@ -33,7 +38,7 @@ export interface Floor {
   path: ([number, number])[];
 }
 
-export type FromPage = Operate | Stop | LeaseWish | Shown | Echo | Ping;
+export type FromPage = Operate | Stop | LeaseWish | Bookmark | Shown | Echo | Ping;
 
 export type FromServer = Hello | Pong | Probe | State | Scan | Floor | Right | Quality | Refused;
 
@@ -183,6 +188,23 @@ export interface Stop {
 
 export const SCHEMA = {
   "$defs": {
+    "Bookmark": {
+      "additionalProperties": false,
+      "properties": {
+        "kind": {
+          "const": "bookmark",
+          "type": "string"
+        },
+        "note": {
+          "maxLength": 200,
+          "type": "string"
+        }
+      },
+      "required": [
+        "kind"
+      ],
+      "type": "object"
+    },
     "Box": {
       "additionalProperties": false,
       "properties": {
@@ -345,6 +367,7 @@ export const SCHEMA = {
     "FromPage": {
       "discriminator": {
         "mapping": {
+          "bookmark": "#/$defs/Bookmark",
           "echo": "#/$defs/Echo",
           "lease": "#/$defs/LeaseWish",
           "operate": "#/$defs/Operate",
@@ -363,6 +386,9 @@ export const SCHEMA = {
         },
         {
           "$ref": "#/$defs/LeaseWish"
+        },
+        {
+          "$ref": "#/$defs/Bookmark"
         },
         {
           "$ref": "#/$defs/Shown"
