@@ -25,6 +25,7 @@ BUSY_MS = 150.0
 """Tests share two cores with whatever else runs; the command itself allows nothing."""
 
 
+@pytest.mark.alone
 @pytest.mark.parametrize("name", ["loop-blocked", "sigkill"])
 async def test_the_robot_stops_in_time(name: str) -> None:
     cause = next(cause for cause in CAUSES if cause.name == name)
@@ -36,6 +37,7 @@ async def test_the_robot_stops_in_time(name: str) -> None:
         assert sample.stop.zero_ms is None  # nobody was left to send one
 
 
+@pytest.mark.alone
 def test_the_command_measures_one_cause_and_says_so_in_json() -> None:
     ran = ghal360("bench", "stop", "--cause", "operator-silent", "--json")
     (told,) = ran.json["stops"]

@@ -154,6 +154,8 @@ class FakeHandle:
         self.flying: list[FakeTransfer] = []
         self.transfers = 0
         """Allocated and not freed."""
+        self.landing = 0
+        """Ended ones whose callback runs at this moment, in the thread that handles events."""
         self.auto_detach = False
         self.busy_until_ns = 0
 
@@ -207,8 +209,9 @@ class FakeHandle:
         self.machine.blocking("close")
         for transfer in list(self.flying):
             transfer.status = usb1.TRANSFER_CANCELLED
-        while self.flying:
-            self.complete()
+        while self.flying or self.landing:
+            if not self.complete():
+                time.sleep(POLL_S)
         for interface in [i for i, owner in self.machine.owners.items() if owner is self]:
             self._drop(interface)
         if self.transfers:
@@ -219,8 +222,10 @@ class FakeHandle:
         """Whether something came down; its callback ran in here."""
         for transfer in list(self.flying):
             if transfer.ended():
+                self.landing += 1
                 self.flying.remove(transfer)
                 transfer.land()
+                self.landing -= 1
                 return True
         return False
 

@@ -32,6 +32,7 @@ from tests.drivers.theta_v.pictures import KEY_INTERVAL, Feeder, stream, until
 
 PICTURES = stream(30, 192, 96)
 QUICK = ThetaConfig(stall_s=0.25, first_picture_s=0.3, backoff_min_s=0.02, backoff_max_s=0.1)
+PATIENT = ThetaConfig(stall_s=20.0, first_picture_s=20.0, queue_units=90)
 
 
 @pytest.fixture(autouse=True)
@@ -83,7 +84,7 @@ async def test_pictures_arrive_byte_for_byte_and_in_order(front: Front) -> None:
     recorded: list[AccessUnit] = []
     async with front(simulated) as factory:
         with Feeder(simulated, PICTURES):
-            async with ThetaV(factory, QUICK, on_access_unit=recorded.append) as camera:
+            async with ThetaV(factory, PATIENT, on_access_unit=recorded.append) as camera:
                 units = await take(camera, 45)
                 stats = camera.stats
     start = PICTURES.index(units[0].raw)

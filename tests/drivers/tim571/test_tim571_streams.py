@@ -85,7 +85,7 @@ async def test_a_soak_leaves_no_task_and_no_socket_behind() -> None:
     found = await lidar_soak.soak(1.5, 6, warm_up_s=0.5)
     assert (found.tasks_left, found.descriptors_left) == (0, 0)
     assert found.reconnects == 6
-    assert found.received > 100
+    assert found.received > 10
 
 
 async def test_a_variable_is_read_while_scans_come(until: Any) -> None:
