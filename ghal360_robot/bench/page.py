@@ -9,10 +9,12 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import os
 import re
 import signal
 import sys
 import tempfile
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ghal360_robot.bench.browser import Browser, BrowserError, Tab, chromium
+from ghal360_robot.bench.processor_time import cores_between, seconds_used
 from ghal360_robot.bench.stand import CAMERA_HZ, Stand
 from ghal360_robot.errors import GhalError
 from ghal360_robot.simulation.encoder import ThetaEncoder
@@ -82,6 +85,8 @@ class PageCost:
     """Pictures decoded a second, the slowest page's."""
     dropped: int
     pages: int
+    cores: dict[str, float]
+    """Kept busy meanwhile, by whom."""
     report: dict[str, Any]
 
     @property
@@ -107,6 +112,7 @@ class PageCost:
             "ticks_skipped": self.report["ticks_skipped"],
             "fps": self.fps,
             "dropped": self.dropped,
+            "cores_busy": self.cores,
             "camera": self.report["theta"],
         }
 
@@ -134,7 +140,9 @@ async def measure(seconds: float, pages: int, mode: str, size: tuple[int, int]) 
             await asyncio.sleep(WARM_S)
             for tab in tabs:
                 await tab.evaluate("telepresence.forget()")
+            began, before = time.monotonic(), seconds_used(os.getpid())
             await asyncio.sleep(seconds)
+            took, after = time.monotonic() - began, seconds_used(os.getpid())
             seen = [await tab.evaluate("telepresence.measured()") for tab in tabs]
             report = await robot.end()
     return PageCost(
@@ -145,6 +153,7 @@ async def measure(seconds: float, pages: int, mode: str, size: tuple[int, int]) 
         fps=min(round(len(page["decoded"]) / seconds, 1) for page in seen),
         dropped=sum(page["dropped"] for page in seen),
         pages=pages,
+        cores=cores_between(before, after, took),
         report=report,
     )
 

@@ -26,6 +26,8 @@ class Flags(IntFlag):
     TAINTED = 4
     """Damaged, or built upon something damaged."""
     JPEG = 8
+    BEHIND = 16
+    """Of a group that had begun before this connection: to be decoded, not to be taken for a decoder that is late."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,9 +43,9 @@ class Frame:
     tainted: bool = False
     jpeg: bool = False
 
-    def message(self, *, gap: bool = False) -> bytes:
-        """Header and picture for the wire."""
-        flags = Flags.KEY * self.key | Flags.GAP * gap | Flags.TAINTED * self.tainted | Flags.JPEG * self.jpeg
+    def message(self, flags: Flags = Flags.NONE) -> bytes:
+        """Header and picture for the wire; `flags` is what there is to say of this connection."""
+        flags |= Flags.KEY * self.key | Flags.TAINTED * self.tainted | Flags.JPEG * self.jpeg
         header = HEADER.pack(
             VERSION, flags, 0, self.sequence & 0xFFFFFFFF, self.stamp_ns // 1000, self.width, self.height, 0
         )

@@ -135,7 +135,7 @@ class PageOperator:
                 str(theirs_video.fileno()),
                 pass_fds=(theirs.fileno(), theirs_video.fileno()),
                 stdin=asyncio.subprocess.DEVNULL,
-                start_new_session=True,  # Ctrl-C is the robot's to handle
+                process_group=0,  # Ctrl-C is the robot's to handle
                 env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
             )
         finally:

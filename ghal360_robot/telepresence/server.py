@@ -285,6 +285,7 @@ class PageServer:
             self._sockets.add(ws)
 
             async def send() -> None:
+                viewer.begin(stream.group(self._clock()))
                 with stream.watched_by(viewer.offer):
                     while True:
                         await ws.send_bytes(await viewer.take())

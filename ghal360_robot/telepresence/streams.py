@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drivers.theta_v.codec.sps_rewrite import rewritten
@@ -16,14 +17,26 @@ if TYPE_CHECKING:
 
     from ghal360_robot.telepresence.settings import PageSettings
 
+MAX_GROUP_FRAMES = 64
+"""Two seconds at 30 Hz; the camera begins a new group every second."""
+
+MAX_GROUP_BYTES = 16 << 20
+"""A second of 4K at 120 Mb/s."""
+
+MAX_GROUP_AGE_NS = 1_000_000_000
+"""Of a group's newest picture: a camera that fell silent has nothing to go on from."""
+
 logger = logging.getLogger(__name__)
 
 
 class Stream:
-    """Pictures for whoever watches."""
+    """Pictures for whoever watches, and the group they are in for whoever comes."""
 
     def __init__(self) -> None:
         self._watchers: list[Callable[[Frame], None]] = []
+        self._group: list[Frame] = []
+        """The newest key picture and all since; nothing where that got too much."""
+        self._group_bytes = 0
 
     @property
     def watched(self) -> bool:
@@ -38,9 +51,26 @@ class Stream:
         finally:
             self._watchers.remove(take)
 
+    def group(self, now_ns: int) -> tuple[Frame, ...]:
+        """What a decoder has to be given to go on with this stream; nothing where it has to wait for a key picture."""
+        if not self._group or now_ns - self._group[-1].stamp_ns > MAX_GROUP_AGE_NS:
+            return ()
+        return tuple(self._group)
+
     def give(self, frame: Frame) -> None:
+        """One more picture."""
+        self._keep(frame)
         for take in self._watchers:
             take(frame)
+
+    def _keep(self, frame: Frame) -> None:
+        if frame.key:
+            self._group, self._group_bytes = [frame], len(frame.data)
+        elif self._group:
+            self._group.append(frame)
+            self._group_bytes += len(frame.data)
+            if len(self._group) > MAX_GROUP_FRAMES or self._group_bytes > MAX_GROUP_BYTES:
+                self._group.clear()
 
 
 class Streams:
@@ -52,6 +82,8 @@ class Streams:
         if settings.small_codec:
             self._streams["small"] = Stream()
             self._makers["small"] = Transcoder(small_of(settings))
+        self._lost = False
+        """What the pictures up to the next key picture are built upon could not be given."""
 
     def get(self, name: str) -> Stream | None:
         return self._streams.get(name)
@@ -67,14 +99,17 @@ class Streams:
 
     def feed(self, frame: Frame) -> None:
         """One access unit of the camera."""
-        try:
-            # A decoder that is not told of the missing reordering holds back pictures.
-            data = rewritten(frame.data) if frame.key else frame.data
-        except ThetaMalformed as error:
-            logger.warning("a key picture's parameters are damaged: %s", error)
+        if frame.key:
+            try:
+                # A decoder that is not told of the missing reordering holds back pictures.
+                frame = replace(frame, data=rewritten(frame.data))
+            except ThetaMalformed as error:
+                self._lost = True
+                logger.warning("a key picture's parameters are damaged, and it is left out with its group: %s", error)
+                return
+            self._lost = False
+        elif self._lost:
             return
-        if data is not frame.data:
-            frame = Frame(data, frame.stamp_ns, frame.sequence, frame.width, frame.height, frame.key, frame.tainted)
         self._streams["camera"].give(frame)
         for name, maker in self._makers.items():
             if self._streams[name].watched:

@@ -11,7 +11,11 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from ghal360_robot.telepresence.frames import Flags
+
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from ghal360_robot.telepresence.frames import Frame
 
 MAX_FRAMES = 8
@@ -22,6 +26,9 @@ MAX_BYTES = 4 << 20
 
 MAX_AGE_NS = 250_000_000
 """Of the oldest picture that waits."""
+
+CATCH_UP_NS = 500_000_000
+"""A connection that begins in the middle of a group has so long to be sent it; on average the next one is as near."""
 
 ON_THE_WAY_S = 0.45
 """So much of what the link delivers may be on its way at once: the delay that its buffers can add."""
@@ -63,6 +70,8 @@ class VideoQueue:
         self._joining = True
         """Nothing but a key picture may come next."""
         self._gap = False
+        self._behind_until_ns = 0
+        """Until then what waits may be old and much: a group that had begun before the connection."""
         self._sent: deque[Sent] = deque()
         """What is not known to be shown."""
         self._on_the_way = 0
@@ -75,12 +84,20 @@ class VideoQueue:
     def __len__(self) -> int:
         return len(self._waiting)
 
+    def begin(self, group: Sequence[Frame], now_ns: int) -> None:
+        """Send first what a decoder needs to go on: the newest key picture and all since, or nothing."""
+        self._waiting.extend(group)
+        self._bytes = sum(len(frame.data) for frame in group)
+        self._joining = not group
+        self._behind_until_ns = now_ns + CATCH_UP_NS if group else 0
+
     def offer(self, frame: Frame, now_ns: int) -> bool:
         """Take one more picture; False where it, and all that waited, had to be dropped."""
         if frame.key:
             self._drop_waiting()  # a key picture makes everything before it superfluous
+            self._behind_until_ns = 0
             self._joining = self._congested(now_ns)
-        elif not self._joining and self._too_much(frame, now_ns):
+        elif not self._joining and not self._behind(now_ns) and self._too_much(frame, now_ns):
             self._drop_waiting()
             self._joining = True
         if self._joining:
@@ -91,9 +108,10 @@ class VideoQueue:
         self._bytes += len(frame.data)
         return True
 
-    def take(self, now_ns: int) -> tuple[Frame, bool] | None:
-        """The next picture to send and whether some before it were dropped; None where none may be sent now."""
-        if self._waiting and now_ns - self._waiting[0].stamp_ns > MAX_AGE_NS and not self._waiting[0].key:
+    def take(self, now_ns: int) -> tuple[Frame, Flags] | None:
+        """The next picture to send, and GAP where some before it were dropped; None where none may be sent now."""
+        behind = self._behind(now_ns)
+        if self._waiting and not behind and self._too_old(self._waiting[0], now_ns):
             self._drop_waiting()
             self._joining = True
         if not self._waiting or not self._room(len(self._waiting[0].data), now_ns):
@@ -101,12 +119,15 @@ class VideoQueue:
         frame = self._waiting.popleft()
         size = len(frame.data)
         self._bytes -= size
-        gap, self._gap = self._gap, False
+        flags = (Flags.GAP if self._gap else Flags.NONE) | (Flags.BEHIND if behind else Flags.NONE)
+        self._gap = False
+        if not self._waiting:
+            self._behind_until_ns = 0
         if not self._sent:
             self._delivered_ns = now_ns  # a link that was idle delivered nothing: its rate counts from here
         self._sent.append(Sent(frame.sequence, size, now_ns, self._delivered, self._delivered_ns))
         self._on_the_way += size
-        return frame, gap
+        return frame, flags
 
     def shown(self, sequence: int, now_ns: int) -> None:
         """The page says that this picture is on the screen, and with it everything before."""
@@ -120,6 +141,13 @@ class VideoQueue:
         self._delivered_ns = now_ns
         took_ns = max(now_ns - newest.delivered_ns, 1_000_000)
         self._rates.append((now_ns, (self._delivered - newest.delivered) * 1e9 / took_ns))
+
+    def _behind(self, now_ns: int) -> bool:
+        return now_ns < self._behind_until_ns
+
+    @staticmethod
+    def _too_old(frame: Frame, now_ns: int) -> bool:
+        return not frame.key and now_ns - frame.stamp_ns > MAX_AGE_NS
 
     def _room(self, size: int, now_ns: int) -> bool:
         while self._rates and now_ns - self._rates[0][0] > RATE_MEMORY_NS:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from ghal360_robot.telepresence.video_queue import VideoQueue
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from ghal360_robot.telepresence.delays import Delays
     from ghal360_robot.telepresence.frames import Frame
@@ -31,6 +31,11 @@ class Viewer:
     def dropped(self) -> int:
         return self._queue.dropped
 
+    def begin(self, group: Sequence[Frame]) -> None:
+        """What the stream showed since its newest key picture: a page that opens need not wait for the next."""
+        self._queue.begin(group, self._clock())
+        self._ready.set()
+
     def offer(self, frame: Frame) -> None:
         """One more picture of the stream."""
         if self._queue.offer(frame, self._clock()):
@@ -50,9 +55,9 @@ class Viewer:
             if taken is None:
                 self._ready.clear()
                 continue
-            frame, gap = taken
+            frame, flags = taken
             self._delays.picture(frame.sequence, frame.stamp_ns)
-            message = frame.message(gap=gap)
+            message = frame.message(flags)
             self._sent.append((now_ns, len(message)))
             return message
 

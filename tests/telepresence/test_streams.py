@@ -12,7 +12,13 @@ from drivers.theta_v.codec import h264
 from ghal360_robot.simulation.encoder import ThetaEncoder
 from ghal360_robot.telepresence.frames import Frame
 from ghal360_robot.telepresence.settings import PageSettings
-from ghal360_robot.telepresence.streams import Streams
+from ghal360_robot.telepresence.streams import (
+    MAX_GROUP_AGE_NS,
+    MAX_GROUP_BYTES,
+    MAX_GROUP_FRAMES,
+    Stream,
+    Streams,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -99,12 +105,36 @@ async def test_what_nobody_watches_is_not_made(film: list[Frame]) -> None:
         assert all(not maker._waiting for maker in streams._makers.values())
 
 
-async def test_a_key_picture_with_nonsense_for_parameters_is_left_out(caplog: pytest.LogCaptureFixture) -> None:
+async def test_a_key_picture_with_nonsense_for_parameters_is_left_out_with_what_follows_from_it(
+    film: list[Frame], caplog: pytest.LogCaptureFixture
+) -> None:
     streams = Streams(SETTINGS)
     got: list[Frame] = []
     stream = streams.get("camera")
     assert stream is not None
     with stream.watched_by(got.append):
         streams.feed(Frame(b"\0\0\0\1\x67\x42", 0, 1, 64, 32, True))
-    assert got == []
+        for frame in film[1:31]:
+            streams.feed(frame)
+    assert [frame.sequence for frame in got] == [30]
     assert "damaged" in caplog.text
+
+
+def test_a_stream_keeps_its_newest_group_for_who_comes(film: list[Frame]) -> None:
+    stream = Stream()
+    for frame in film[:45]:
+        stream.give(frame)
+    now_ns = film[44].stamp_ns
+    assert stream.group(now_ns) == tuple(film[30:45])
+    assert stream.group(now_ns + MAX_GROUP_AGE_NS + 1) == (), "of a camera that fell silent"
+
+
+@pytest.mark.parametrize("size", [10, MAX_GROUP_BYTES // 10])
+def test_a_group_without_an_end_is_let_go(size: int) -> None:
+    stream = Stream()
+    stream.give(Frame(b"", 0, 0, 64, 32, True))
+    for k in range(1, 2 * MAX_GROUP_FRAMES):
+        stream.give(Frame(b"\0" * size, 0, k, 64, 32, False))
+        assert len(stream.group(0)) <= MAX_GROUP_FRAMES
+        assert sum(len(frame.data) for frame in stream.group(0)) <= MAX_GROUP_BYTES
+    assert stream.group(0) == ()

@@ -21,7 +21,7 @@ def test_nothing_is_sent_before_a_key_picture() -> None:
     assert queue.offer(frame(2, 0, key=True), 0)
     sent = queue.take(0)
     assert sent is not None
-    assert sent == (frame(2, 0, key=True), True)
+    assert sent == (frame(2, 0, key=True), Flags.GAP)
 
 
 def test_a_slow_connection_loses_whole_groups() -> None:
@@ -33,7 +33,7 @@ def test_a_slow_connection_loses_whole_groups() -> None:
     assert queue.dropped == 30
     now = 30 * 33 * MS
     assert queue.offer(frame(30, now, key=True), now)
-    assert queue.take(now) == (frame(30, now, key=True), True)
+    assert queue.take(now) == (frame(30, now, key=True), Flags.GAP)
 
 
 def test_what_was_dropped_is_dropped_up_to_the_next_key_picture() -> None:
@@ -110,6 +110,51 @@ def test_a_hidden_page_is_asked_again_with_one_key_picture() -> None:
     assert queue.offer(frame(2, now, key=True), now)
 
 
+def second(size: int) -> list[Frame]:
+    """A group of 30 pictures, the last of them taken just before 1 s."""
+    return [frame(k, k * 33 * MS, key=k == 0, size=size) for k in range(30)]
+
+
+def test_who_joins_in_the_middle_of_a_group_is_sent_all_of_it_however_old() -> None:
+    queue, now = VideoQueue(), 1000 * MS
+    queue.begin(second(10), now)
+    for k in range(30):
+        assert queue.take(now) == (frame(k, k * 33 * MS, key=k == 0), Flags.BEHIND), k
+    queue.offer(frame(30, now), now)
+    assert queue.take(now) == (frame(30, now), Flags.NONE)
+    assert queue.dropped == 0
+
+
+def test_who_joins_over_a_slow_link_sees_the_group_begin_and_then_waits_for_the_next() -> None:
+    queue, now = VideoQueue(), 1000 * MS
+    queue.begin(second(170_000), now)
+    sent = []
+    for k in range(30, 50):
+        now = (1000 + (k - 30) * 33) * MS
+        queue.offer(frame(k, now, size=170_000), now)
+        while taken := queue.take(now):
+            sent.append(taken[0].sequence)
+    assert sent == [0, 1, 2], "half a second's worth of 1 MB/s"
+    assert len(queue) == 0
+    queue.shown(2, now)
+    assert queue.offer(frame(50, now, key=True), now)
+    assert queue.take(now) == (frame(50, now, key=True), Flags.GAP)
+
+
+def test_the_next_key_picture_makes_the_rest_of_the_group_superfluous() -> None:
+    queue, now = VideoQueue(), 1000 * MS
+    queue.begin(second(10), now)
+    queue.take(now)
+    queue.offer(frame(30, now, key=True), now)
+    assert queue.take(now) == (frame(30, now, key=True), Flags.GAP)
+
+
+def test_who_joins_where_there_is_no_group_waits_for_a_key_picture() -> None:
+    queue = VideoQueue()
+    queue.begin((), 0)
+    assert not queue.offer(frame(5, 0), 0)
+
+
 STEPS = st.lists(st.tuples(st.integers(0, 60), st.booleans(), st.integers(0, 3), st.booleans()), max_size=120)
 
 
@@ -125,9 +170,9 @@ def test_every_picture_that_is_sent_has_all_its_predecessors(steps: list[tuple[i
             taken = queue.take(now)
             if taken is None:
                 break
-            picture, gap = taken
+            picture, flags = taken
             assert picture.key or picture.sequence == sent + 1
-            assert gap or sent is None or picture.sequence == sent + 1
+            assert flags & Flags.GAP or sent is None or picture.sequence == sent + 1
             assert picture.key or now - picture.stamp_ns <= MAX_AGE_NS
             sent = picture.sequence
         if shows and sent is not None:
@@ -135,7 +180,7 @@ def test_every_picture_that_is_sent_has_all_its_predecessors(steps: list[tuple[i
 
 
 def test_the_header_says_what_the_page_needs() -> None:
-    message = Frame(b"unit", 1_234_567_890_123, 2**32 + 5, 3840, 1920, True, tainted=True).message(gap=True)
+    message = Frame(b"unit", 1_234_567_890_123, 2**32 + 5, 3840, 1920, True, tainted=True).message(Flags.GAP)
     version, flags, _, sequence, stamp_us, width, height, _ = HEADER.unpack(message[: HEADER.size])
     assert (version, sequence, stamp_us, width, height) == (VERSION, 5, 1_234_567_890, 3840, 1920)
     assert flags == Flags.KEY | Flags.GAP | Flags.TAINTED

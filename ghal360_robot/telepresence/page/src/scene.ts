@@ -25,9 +25,14 @@ import {
   VideoFrameTexture,
 } from "three";
 import { radians, TAU, wrap } from "./angles.ts";
+import { Planes, PlanesMaterial } from "./planes.ts";
 import type { Box, Scan } from "./protocol.gen.ts";
 import type { Picture } from "./video.ts";
 
+/** Who draws where there is no GPU. */
+const SOFTWARE = /swiftshader|llvmpipe|softpipe|basic render/i;
+/** Its share of the screen's pixels each way. A 2K panorama has five pixels a degree, so few are hardly fewer. */
+const SOFTWARE_SHARE = 0.5;
 const SPHERE_M = 50;
 const RING_M = 40;
 const BOX_M = 38;
@@ -57,7 +62,10 @@ export class World {
   /** In front of the operator, wherever they look; seen in a headset only. */
   readonly front = new Group();
   onTick: (timeMs: number, elapsedMs: number) => void = () => undefined;
-  private readonly sphere: Mesh<SphereGeometry, MeshBasicMaterial>;
+  private readonly sphere: Mesh<SphereGeometry, MeshBasicMaterial | PlanesMaterial>;
+  /** For pictures in memory, and for whole ones. */
+  private readonly planes = new PlanesMaterial();
+  private readonly whole = new MeshBasicMaterial({ color: 0x101418, side: BackSide });
   private texture: Texture | undefined;
   private shown: Picture | undefined;
   private readonly ring: LineSegments<BufferGeometry, LineBasicMaterial>;
@@ -70,7 +78,7 @@ export class World {
     this.scene = scene;
     this.camera = camera;
     const geometry = new SphereGeometry(SPHERE_M, 96, 64);
-    this.sphere = new Mesh(geometry, new MeshBasicMaterial({ color: 0x101418, side: BackSide }));
+    this.sphere = new Mesh<SphereGeometry, MeshBasicMaterial | PlanesMaterial>(geometry, this.whole);
     this.sphere.scale.x = -1;
     this.sphere.rotation.y = -Math.PI / 2;
     this.ring = new LineSegments(new BufferGeometry(), new LineBasicMaterial({ vertexColors: true }));
@@ -80,6 +88,17 @@ export class World {
     scene.object3D.add(this.base);
     camera.add(this.front);
     this.drawOnChange();
+    this.sparePixels();
+    scene.addEventListener("exit-vr", () => this.sparePixels());
+  }
+
+  /** Colouring pixels on processors takes more of them than decoding does, and the robot may share them. */
+  private sparePixels(): void {
+    const context = this.scene.renderer.getContext();
+    const about = context.getExtension("WEBGL_debug_renderer_info");
+    const who = about === null ? "" : String(context.getParameter(about.UNMASKED_RENDERER_WEBGL));
+    if (SOFTWARE.test(who)) this.scene.renderer.setPixelRatio(SOFTWARE_SHARE);
+    this.changed = true;
   }
 
   /** A phone's battery, and a computer without a GPU, are spared frames in which nothing moves. */
@@ -161,10 +180,22 @@ export class World {
   show(picture: Picture): void {
     const old = this.shown;
     this.shown = picture;
-    const fits = old !== undefined && old.width === picture.width && kind(old.image) === kind(picture.image);
+    if (picture.image instanceof Planes) {
+      this.planes.show(picture.image);
+      this.sphere.material = this.planes;
+    } else {
+      this.showWhole(picture, picture.image, old);
+      this.sphere.material = this.whole;
+    }
+    this.changed = true;
+    old?.image.close();
+  }
+
+  private showWhole(picture: Picture, image: VideoFrame | ImageBitmap, old: Picture | undefined): void {
+    const fits = old !== undefined && old.width === picture.width && kind(old.image) === kind(image);
     if (this.texture === undefined || !fits) {
       this.texture?.dispose();
-      this.texture = picture.image instanceof VideoFrame ? new VideoFrameTexture() : new Texture();
+      this.texture = image instanceof VideoFrame ? new VideoFrameTexture() : new Texture();
       this.texture.colorSpace = SRGBColorSpace;
       this.texture.minFilter = this.texture.magFilter = LinearFilter;
       this.texture.generateMipmaps = false;
@@ -172,14 +203,12 @@ export class World {
       this.texture.flipY = false;
       this.texture.repeat.y = -1;
       this.texture.offset.y = 1;
-      this.sphere.material.map = this.texture;
-      this.sphere.material.color.set(0xffffff);
-      this.sphere.material.needsUpdate = true;
+      this.whole.map = this.texture;
+      this.whole.color.set(0xffffff);
+      this.whole.needsUpdate = true;
     }
-    this.texture.image = picture.image;
+    this.texture.image = image;
     this.texture.needsUpdate = true;
-    this.changed = true;
-    old?.image.close();
   }
 
   /** Bars along the horizon: the closer, the higher and the more orange; grey where the lidar is blind. */
@@ -230,8 +259,8 @@ export class World {
 const TARGET_MATERIAL = new MeshBasicMaterial({ color: TARGET_COLOR, side: DoubleSide, depthTest: false });
 const OTHER_MATERIAL = new MeshBasicMaterial({ color: OTHER_COLOR, side: DoubleSide, depthTest: false });
 
-function kind(image: VideoFrame | ImageBitmap): string {
-  return image instanceof VideoFrame ? "frame" : "still";
+function kind(image: Picture["image"]): string {
+  return image instanceof VideoFrame ? "frame" : image instanceof Planes ? "planes" : "still";
 }
 
 /** A frame of four thin strips around a box of directions. */

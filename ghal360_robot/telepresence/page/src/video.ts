@@ -1,21 +1,27 @@
 /** The robot's pictures: from the socket through WebCodecs to the newest one that can be drawn. */
 
+import { Planes } from "./planes.ts";
+
 const HEADER_BYTES = 24;
 const KEY = 1;
 const GAP = 2;
 const JPEG = 8;
+/** Of a group that had begun before this connection. */
+const BEHIND = 16;
 /** A decoder with more waiting has fallen behind; it would only get later. */
 const MAX_QUEUE = 3;
 const RATE_MS = 2000;
 const AGAIN_MS = 1000;
 
 export interface Picture {
-  image: VideoFrame | ImageBitmap;
+  image: VideoFrame | ImageBitmap | Planes;
   sequence: number;
   captureUs: number;
   width: number;
   height: number;
 }
+
+type About = Omit<Picture, "image" | "sequence">;
 
 export type StreamName = "camera" | "small" | "stills";
 
@@ -32,6 +38,8 @@ export class Video {
   private decoder: VideoDecoder | undefined;
   private codec = "";
   private needKey = true;
+  /** What waits for the decoder came all at once, as it was meant to. */
+  private catchingUp = false;
   private newest: Picture | undefined;
   private readonly captures = new Map<number, { captureUs: number; width: number; height: number }>();
   private readonly decodedMs: number[] = [];
@@ -88,6 +96,7 @@ export class Video {
     this.newest = undefined;
     this.needKey = true;
     this.waiting = true;
+    this.catchingUp = false;
     this.captures.clear();
     if (this.decoder !== undefined && this.decoder.state !== "closed") this.decoder.close();
     this.decoder = undefined;
@@ -108,9 +117,11 @@ export class Video {
     else this.unit(data, flags, sequence, about);
   }
 
-  private unit(data: Uint8Array<ArrayBuffer>, flags: number, sequence: number, about: Omit<Picture, "image" | "sequence">): void {
+  private unit(data: Uint8Array<ArrayBuffer>, flags: number, sequence: number, about: About): void {
     const key = (flags & KEY) !== 0;
-    const late = (this.decoder?.decodeQueueSize ?? 0) > MAX_QUEUE;
+    const full = (this.decoder?.decodeQueueSize ?? 0) > MAX_QUEUE;
+    this.catchingUp = (flags & BEHIND) !== 0 || (this.catchingUp && full && !key);
+    const late = full && !this.catchingUp;
     if (!key && (this.needKey || (flags & GAP) !== 0 || late)) {
       this.needKey = true;
       this.dropped += 1;
@@ -159,10 +170,18 @@ export class Video {
     }
     this.captures.delete(sequence);
     this.onDecoded(about.captureUs);
-    this.show({ image: frame, sequence, ...about });
+    if (Planes.fit(frame)) void this.unpack(frame, sequence, about);
+    else this.show({ image: frame, sequence, ...about });
   }
 
-  private async still(data: Uint8Array<ArrayBuffer>, sequence: number, about: Omit<Picture, "image" | "sequence">): Promise<void> {
+  private async unpack(frame: VideoFrame, sequence: number, about: About): Promise<void> {
+    const decoder = this.decoder;
+    const image = await Planes.of(frame);
+    if (this.decoder === decoder) this.show({ image, sequence, ...about });
+    else image.close(); // of a stream that has ended meanwhile
+  }
+
+  private async still(data: Uint8Array<ArrayBuffer>, sequence: number, about: About): Promise<void> {
     const image = await createImageBitmap(new Blob([data], { type: "image/jpeg" }));
     this.show({ image, sequence, ...about });
   }
@@ -172,7 +191,7 @@ export class Video {
     this.waiting = false;
     this.decodedMs.push(performance.now());
     if (this.newest !== undefined) {
-      this.dropped += 1;
+      if (!this.catchingUp) this.dropped += 1;
       this.newest.image.close();
     }
     this.newest = picture;
