@@ -11,11 +11,11 @@ import json
 import socket
 import struct
 import threading
-from collections import deque
 from dataclasses import asdict, is_dataclass
 from typing import TYPE_CHECKING, Any
 
 from ghal360_robot.telepresence.frames import Frame
+from ghal360_robot.telepresence.inbox import Inbox
 
 if TYPE_CHECKING:
     import asyncio
@@ -64,9 +64,7 @@ class VideoTap:
 
     def __init__(self, sock: socket.socket) -> None:
         self._sock = sock
-        self._waiting: deque[bytes] = deque()
-        self._ready = threading.Condition()
-        self._closed = False
+        self._waiting: Inbox[bytes] = Inbox()
         self._joining = False
         self.dropped = 0
         self._thread = threading.Thread(target=self._send, name="page video", daemon=True)
@@ -78,33 +76,23 @@ class VideoTap:
             return
         flags = unit.keyframe | unit.tainted << 1
         header = UNIT.pack(unit.stamp_ns, unit.sequence & 0xFFFFFFFF, unit.width, unit.height, flags, len(unit.data))
-        with self._ready:
-            if unit.keyframe and len(self._waiting) < MAX_WAITING:
-                self._joining = False
-            if self._joining or len(self._waiting) >= MAX_WAITING:
-                self._joining = True
-                self.dropped += 1
-                return
-            self._waiting.append(header + unit.data)
-            self._ready.notify()
+        if unit.keyframe and len(self._waiting) < MAX_WAITING:
+            self._joining = False
+        if self._joining or len(self._waiting) >= MAX_WAITING:
+            self._joining = True
+            self.dropped += 1
+            return
+        self._waiting.put(header + unit.data)
 
     def close(self) -> None:
         """End the thread; what waits is dropped."""
-        with self._ready:
-            self._closed = True
-            self._ready.notify()
+        self._waiting.close()
         with contextlib.suppress(OSError):
             self._sock.shutdown(socket.SHUT_RDWR)  # wakes the thread where it waits to send
         self._sock.close()
 
     def _send(self) -> None:
-        while True:
-            with self._ready:
-                while not self._waiting and not self._closed:
-                    self._ready.wait()
-                if self._closed:
-                    return
-                message = self._waiting.popleft()
+        while (message := self._waiting.get()) is not None:
             try:
                 self._sock.sendall(message)
             except OSError:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import asyncio
 import logging
 import threading
-from collections import deque
 from fractions import Fraction
 from typing import TYPE_CHECKING, Protocol, cast
 
@@ -16,6 +15,7 @@ import av
 import cv2
 
 from ghal360_robot.telepresence.frames import Frame
+from ghal360_robot.telepresence.inbox import Inbox
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -48,9 +48,7 @@ class Transcoder:
     def __init__(self, new_maker: Callable[[], Maker], *, keys_only: bool = False) -> None:
         self._new_maker = new_maker
         self._keys_only = keys_only
-        self._waiting: deque[Frame] = deque()
-        self._ready = threading.Condition()
-        self._closed = False
+        self._waiting: Inbox[Frame] = Inbox()
         self._joining = True
         self._loop: asyncio.AbstractEventLoop
         self._give: Callable[[Frame], None]
@@ -62,41 +60,31 @@ class Transcoder:
         self._thread.start()
 
     def close(self) -> None:
-        with self._ready:
-            self._closed = True
-            self._ready.notify()
+        self._waiting.close()
         self._thread.join(END_S)
 
     def offer(self, frame: Frame) -> None:
         """One access unit; never waits."""
         if self._keys_only and not frame.key:
             return
-        with self._ready:
-            if len(self._waiting) >= MAX_WAITING:
-                self._waiting.clear()
-                self._joining = True
-            if frame.key:
-                self._joining = False
-            if not self._joining:
-                self._waiting.append(frame)
-                self._ready.notify()
+        if len(self._waiting) >= MAX_WAITING:
+            self.rest()
+        if frame.key:
+            self._joining = False
+        if not self._joining:
+            self._waiting.put(frame)
 
     def rest(self) -> None:
-        """Nobody watches: begin with a key picture when somebody does."""
+        """Nobody watches, or it got too much: begin again with a key picture."""
         if not self._joining:
-            with self._ready:
-                self._waiting.clear()
-                self._joining = True
+            self._waiting.clear()
+            self._joining = True
 
     def _run(self) -> None:
         decoder, make = None, None
-        while True:
-            with self._ready:
-                while not self._waiting and not self._closed:
-                    self._ready.wait()
-                if self._closed:
-                    return
-                frame = self._waiting.popleft()
+        while (frame := self._waiting.get()) is not None:
+            if decoder is None and not frame.key:
+                continue
             try:
                 if decoder is None or make is None:
                     decoder, make = _decoder(), self._new_maker()
@@ -106,8 +94,7 @@ class Transcoder:
                         self._loop.call_soon_threadsafe(self._give, made)
             except (av.FFmpegError, ValueError, OSError) as error:
                 logger.warning("a picture could not be made smaller: %s", error)
-                decoder = make = None
-                self.rest()
+                decoder = make = None  # the next key picture begins anew
             except RuntimeError:
                 return  # the event loop has ended
 

@@ -39,10 +39,13 @@ from ghal360_robot.telepresence.streams import Streams
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
 
+    from ghal360_robot.bench.browser import Tab
     from ghal360_robot.telepresence.access import Sessions
 
 FRESH = Freshness(alive=True, rate_ok=True, valid=True, age_s=0.02)
 DEVICES = ("theta", "tim571", "rmp110")
+SMALL = (640, 360)
+"""Of a tab in which nothing has to be read."""
 CALM = Decision(Cue.NONE, None, (0,) * 8, None, (0.125,) * 8, None, STILL, ())
 REST = Applied(STILL, ArmState.DISARMED, ("not armed yet",))
 
@@ -76,6 +79,7 @@ class PageStand:
     yaw: float = 0.0
     """The base's."""
     approaching: tuple[float, ...] = ()
+    links: dict[str, LinkStats] = field(default_factory=lambda: dict.fromkeys(DEVICES, LinkStats("streaming")))
 
     @property
     def url(self) -> str:
@@ -121,7 +125,7 @@ class PageStand:
             cue_ns, before = (now_ns if self.decision.cue is not before else cue_ns), self.decision.cue
             told = state(
                 inputs, self.decision, self.applied, blockers=self.blockers,
-                links=dict.fromkeys(DEVICES, LinkStats("streaming")), found=False, cue_ns=cue_ns, target="backpack",
+                links=self.links, found=False, cue_ns=cue_ns, target="backpack",
                 approaching=self.approaching,
             )  # fmt: skip
             self.server.hub.broadcast("state", json.dumps({"kind": "state", **told}))
@@ -163,3 +167,28 @@ async def page_stand(
         await asyncio.gather(*tasks, return_exceptions=True)
         with contextlib.suppress(OSError):
             await server.close()
+
+
+def text(selector: str) -> str:
+    return f"document.querySelector({json.dumps(selector)}).innerText"
+
+
+def visible(selector: str) -> str:
+    return f"!document.querySelector({json.dumps(selector)}).hidden"
+
+
+async def takes_the_controls(tab: Tab) -> None:
+    await tab.click("#take")
+    await tab.until("telepresence.right.yours", "the controls")
+
+
+async def holds(tab: Tab, stand: PageStand, key: str = "f") -> None:
+    """Press until it counts: a picture that is late on a busy machine makes every press void."""
+    for _ in range(10):
+        await tab.key("down", key)
+        with contextlib.suppress(AssertionError):
+            await stand.until(lambda: stand.wish.get("deadman"), "driving", 2.0)
+            return
+        await tab.key("up", key)
+        await asyncio.sleep(0.2)
+    raise AssertionError(f"it never counted: {await tab.evaluate('telepresence.quality')}")

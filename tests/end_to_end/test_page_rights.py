@@ -18,7 +18,16 @@ from ghal360_robot.telepresence import certificates
 from ghal360_robot.telepresence.access import Role, Sessions
 from ghal360_robot.telepresence.settings import PageSettings
 from tests.end_to_end.page_robot import LIVE, WHY_NOT, opened
-from tests.end_to_end.page_stand import CALM, PageStand, page_stand
+from tests.end_to_end.page_stand import (
+    CALM,
+    SMALL,
+    PageStand,
+    holds,
+    page_stand,
+    takes_the_controls,
+    text,
+    visible,
+)
 from tests.telepresence.test_access import TOKENS
 from tests.telepresence.test_protocol import PAGE
 
@@ -31,32 +40,6 @@ if TYPE_CHECKING:
 pytestmark = [pytest.mark.page, pytest.mark.skipif(bool(WHY_NOT), reason=WHY_NOT)]
 
 IWER = PAGE / "node_modules" / "iwer" / "build" / "iwer.min.js"
-SMALL = (640, 360)
-
-
-def text(selector: str) -> str:
-    return f"document.querySelector({json.dumps(selector)}).innerText"
-
-
-def visible(selector: str) -> str:
-    return f"!document.querySelector({json.dumps(selector)}).hidden"
-
-
-async def takes_the_controls(tab: Tab) -> None:
-    await tab.click("#take")
-    await tab.until("telepresence.right.yours", "the controls")
-
-
-async def holds(tab: Tab, stand: PageStand, key: str = "f") -> None:
-    """Press until it counts: a picture that is late on a busy machine makes every press void."""
-    for _ in range(10):
-        await tab.key("down", key)
-        with contextlib.suppress(AssertionError):
-            await stand.until(lambda: stand.wish.get("deadman"), "driving", 2.0)
-            return
-        await tab.key("up", key)
-        await asyncio.sleep(0.2)
-    raise AssertionError(f"it never counted: {await tab.evaluate('telepresence.quality')}")
 
 
 async def test_the_controls_go_from_hand_to_hand_in_sight_of_both() -> None:

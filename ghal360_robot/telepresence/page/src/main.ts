@@ -329,6 +329,7 @@ class Page {
       KeyB: () => this.showArrow(!this.arrow),
       KeyL: () => (this.world.ringVisible = this.ring = !this.ring),
       KeyO: () => (this.allBoxes = !this.allBoxes),
+      KeyM: () => this.mark(),
       KeyH: () => this.help(),
       Equal: () => this.gaze.zoom(this.gaze.fovV - radians(5)),
       NumpadAdd: () => this.gaze.zoom(this.gaze.fovV - radians(5)),
@@ -337,7 +338,7 @@ class Page {
     };
     addEventListener("keydown", (event) => {
       const stops = event.code === "Space" || event.code === "Escape";
-      const typing = event.target instanceof HTMLInputElement && event.target.type !== "range" && event.target.type !== "checkbox";
+      const typing = event.target instanceof HTMLInputElement && ["text", "password"].includes(event.target.type);
       if (typing && event.code !== "Escape") return;
       if (!stops && (event.ctrlKey || event.metaKey || event.altKey)) return;
       const ours = this.drive.press(event.code, event.repeat) || this.gaze.press(event.code, event.repeat);
@@ -362,6 +363,7 @@ class Page {
     on("arm", () => this.drive.arm());
     on("disarm", () => this.drive.disarm());
     on("found", () => this.drive.found());
+    on("mark", () => this.mark());
     on("help-button", () => this.help());
     on("help-close", () => this.help());
     const hold = element("hold", HTMLButtonElement);
@@ -387,6 +389,14 @@ class Page {
     };
     element("unwound", HTMLInputElement).onchange = (event) => this.unwind((event.target as HTMLInputElement).checked);
     element("arrow", HTMLInputElement).onchange = (event) => this.showArrow((event.target as HTMLInputElement).checked);
+    const note = element("note", HTMLInputElement);
+    note.onfocus = () => this.drive.release(); // who writes does not drive
+    note.onkeydown = (event) => {
+      if (event.code === "Enter") this.mark();
+      if (event.code !== "Space" || note.value !== "") return;
+      event.preventDefault(); // no note begins with a space
+      this.drive.estop();
+    };
     const tilt = element("tilt", HTMLButtonElement);
     tilt.hidden = !matchMedia("(pointer: coarse)").matches;
     tilt.onclick = () =>
@@ -416,6 +426,14 @@ class Page {
   private showArrow(on: boolean): void {
     this.arrow = on;
     element("arrow", HTMLInputElement).checked = on;
+  }
+
+  private mark(): void {
+    const note = element("note", HTMLInputElement);
+    if (!this.control.send({ kind: "bookmark", note: note.value.trim() })) return;
+    this.notice("this moment is marked in the recording");
+    note.value = "";
+    note.blur();
   }
 
   private help(): void {

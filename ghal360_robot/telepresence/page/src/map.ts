@@ -83,11 +83,7 @@ function drawWedge(c: CanvasRenderingContext2D, gaze: number, fovH: number): voi
   c.moveTo(0, 0);
   c.arc(0, 0, 1.6, gaze - fovH / 2, gaze + fovH / 2);
   c.closePath();
-  c.fillStyle = "rgb(36 80 107 / 35%)";
-  c.strokeStyle = "#24506b";
-  c.lineWidth = 0.04;
-  c.fill();
-  c.stroke();
+  paint(c, "rgb(36 80 107 / 35%)", "#24506b", 0.04);
 }
 
 function drawAims(c: CanvasRenderingContext2D, state: State): void {
@@ -102,9 +98,14 @@ function drawAims(c: CanvasRenderingContext2D, state: State): void {
     c.lineTo(x + reach * Math.cos((corner * Math.PI) / 5), y + reach * Math.sin((corner * Math.PI) / 5));
   }
   c.closePath();
-  c.fillStyle = "#ffd23f";
-  c.strokeStyle = "#101418";
-  c.lineWidth = 0.03;
+  paint(c, "#ffd23f", "#101418", 0.03);
+}
+
+/** The path so far: filled, with an edge. */
+function paint(c: CanvasRenderingContext2D, inside: string, edge: string, width: number): void {
+  c.fillStyle = inside;
+  c.strokeStyle = edge;
+  c.lineWidth = width;
   c.fill();
   c.stroke();
 }
@@ -121,11 +122,7 @@ function ray(c: CanvasRenderingContext2D, yaw: number, length: number, color: st
 function drawRobot(c: CanvasRenderingContext2D): void {
   c.beginPath();
   c.arc(0, 0, ROBOT_M, 0, 2 * Math.PI);
-  c.fillStyle = "rgb(214 30 48 / 85%)";
-  c.strokeStyle = "#fff";
-  c.lineWidth = 0.05;
-  c.fill();
-  c.stroke();
+  paint(c, "rgb(214 30 48 / 85%)", "#fff", 0.05);
   c.beginPath();
   c.moveTo(0, 0);
   c.lineTo(ROBOT_M, 0);
