@@ -39,7 +39,7 @@ def main() -> None:
         profile(min(options.ticks, 10_000))
         return
     cost = measure(options.ticks)
-    for name in ("decode", "chain", "encode", "total", "floor"):
+    for name in ("decode", "chain", "encode", "total", "scan", "floor"):
         spread = getattr(cost, name)
         print(f"{name:7} p50 {spread.p50_us:7.1f}  p99 {spread.p99_us:7.1f}  max {spread.max_us:8.1f} us")
     print(json.dumps(cost.to_json()))

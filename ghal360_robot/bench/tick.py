@@ -1,8 +1,8 @@
 """What the inner half of a control tick costs on one core: feedback in, safety chain, motion frame out.
 
-`decode` is eleven CAN frames to a BaseState; `chain` is that, and a new scan where there is one, to the
-board, a snapshot with every input's freshness, and the safety chain; `encode` is a twist to a motion frame
-that passed the whitelist.
+`decode` is eleven CAN frames to a BaseState; `chain` is that to the board, a snapshot with every input's freshness,
+and the safety chain, which takes in a new scan where there is one; `encode` is a twist to a motion frame that passed
+the whitelist. `scan` is told beside them: what the lidar's task does when a scan arrives, between two ticks.
 
 The robot drives between the places of the simulated office, with people walking around it (`bench.drive`), first
 with the simulators and then once more from the tape, which is what is measured; the code is its own. Costs are this
@@ -87,6 +87,8 @@ class TickCost:
     chain: Spread
     encode: Spread
     total: Spread
+    scan: Spread
+    """Of a scan that arrives, to what is around in the base frame; in no tick."""
     floor: Spread
 
     @property
@@ -107,6 +109,7 @@ class TickCost:
             "decode": self.decode.to_json(),
             "chain": self.chain.to_json(),
             "encode": self.encode.to_json(),
+            "scan": self.scan.to_json(),
             "floor": self.floor.to_json(),
             "ratio_to_floor": round(self.ratio, 1),
         }
@@ -172,17 +175,19 @@ class Ticker:
         self._next = motion(0.0, 0.0)
         self._presses = 0
 
-    def tick(self) -> tuple[tuple[int, int, int], bool]:
-        """Nanoseconds of decode, chain and encode; and whether motion was let through."""
+    def tick(self) -> tuple[tuple[int, int, int, int], bool]:
+        """Nanoseconds of decode, chain, encode, and of scans that arrived (0: none); whether motion was let through."""
         self.now_ns += TICK_NS
         frames, sweeps, wanted = self._drive.step(self.now_ns, self._next)
         self._hear_operator(wanted)
+        arrived = time.thread_time_ns()
+        for sweep in sweeps:
+            self._board.put_scan(sweep.scan, sweep.arrival_ns)
         began = time.thread_time_ns()
+        scans = began - arrived if sweeps else 0
         state = self._decoder.decode(self.now_ns, frames)
         decoded = time.thread_time_ns()
         self._board.put_base(state)
-        for sweep in sweeps:
-            self._board.put_scan(sweep.scan, sweep.arrival_ns)
         armed = self._state.arming.state is ArmState.ARMED
         inputs = self._board.snapshot(self.now_ns, self._count, armed=armed)
         self._state, applied = self._safety.step(self._state, inputs, wanted)
@@ -192,7 +197,7 @@ class Ticker:
         self._count += 1
         self.twist = applied.twist
         moved = applied.arm is ArmState.ARMED and applied.twist != STILL
-        return (decoded - began, judged - decoded, encoded - judged), moved
+        return (decoded - began, judged - decoded, encoded - judged, scans), moved
 
     def _hear_operator(self, wanted: Twist) -> None:
         """Between two ticks there may be a new picture and a message."""
@@ -237,7 +242,7 @@ def measure(ticks: int = TICKS) -> TickCost:
 
 async def _measure(ticks: int) -> tuple[TickCost, int]:
     ticker, at_last = taped(WARM_UP + ticks)
-    parts = np.zeros((ticks, 3), np.int64)
+    parts = np.zeros((ticks, 4), np.int64)
     floor = np.zeros(ticks, np.int64)
     moving = 0
     with _as_in_the_robot():
@@ -252,4 +257,5 @@ async def _measure(ticks: int) -> tuple[TickCost, int]:
     if ticker.twist != at_last:
         raise GhalError("the same drive led to another command the second time: the safety chain is not pure")
     decode, chain, encoded = (Spread.of(parts[:, k]) for k in range(3))
-    return TickCost(ticks, decode, chain, encoded, Spread.of(parts.sum(axis=1)), Spread.of(floor)), moving
+    total, scans = Spread.of(parts[:, :3].sum(axis=1)), parts[:, 3]
+    return TickCost(ticks, decode, chain, encoded, total, Spread.of(scans[scans > 0]), Spread.of(floor)), moving

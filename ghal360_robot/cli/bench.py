@@ -201,6 +201,7 @@ def _tick_table(cost: ticking.TickCost) -> Table:
         ("chain: freshness, safety, 811 beams", cost.chain),
         ("encode: motion frame, whitelist", cost.encode),
         (f"together; p99 at most {ticking.LIMIT_MS:g} ms", cost.total),
+        ("scan: into the base frame, between ticks", cost.scan),
         ("floor: an empty turn of the event loop", cost.floor),
     )
     for name, spread in rows:

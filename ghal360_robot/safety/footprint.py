@@ -69,13 +69,9 @@ def _straight(points: Floats, twist: Twist, disc: Disc, radii: tuple[float, ...]
     along = (points[:, 0] - disc.x) * math.copysign(1.0, twist.v)
     aside = points[:, 1] - disc.y
     near = np.flatnonzero((along > 0.0) & (np.abs(aside) < max(radii)))
-    along, aside_squared = along[near], aside[near] ** 2
-    contacts = []
-    for radius in radii:
-        depth = radius * radius - aside_squared
-        gap = np.where(depth > 0.0, np.maximum(along - np.sqrt(np.maximum(depth, 0.0)), 0.0), np.inf)
-        contacts.append(_earliest(gap, near, abs(twist.v)))
-    return tuple(contacts)
+    depth = _squares(radii) - aside[near] ** 2
+    gaps = np.where(depth > 0.0, np.maximum(along[near] - np.sqrt(np.maximum(depth, 0.0)), 0.0), np.inf)
+    return _earliest(gaps, near, abs(twist.v))
 
 
 def _arc(points: Floats, twist: Twist, disc: Disc, radii: tuple[float, ...]) -> tuple[Contact, ...]:
@@ -85,24 +81,25 @@ def _arc(points: Floats, twist: Twist, disc: Disc, radii: tuple[float, ...]) -> 
     disc_far = math.hypot(disc.x, disc_y)
     far = np.sqrt(x * x + y * y)
     near = np.flatnonzero(np.abs(far - disc_far) < max(radii))
-    if len(near) == 0:
-        return (NEVER,) * len(radii)
     far = far[near]
     turn = math.copysign(1.0, twist.w)
     ahead = np.mod((np.arctan2(y[near], x[near]) - math.atan2(disc_y, disc.x)) * turn, math.tau)
     squares, product = far * far + disc_far * disc_far, 2.0 * disc_far * far
-    contacts = []
-    for radius in radii:
-        cosine = (squares - radius * radius) / np.maximum(product, 1e-12)
-        # Where the cosine is beyond 1 the disc passes by; below -1 it covers the point wherever it stands.
-        half = np.arccos(np.minimum(np.maximum(cosine, -1.0), 1.0))
-        gap = np.where(cosine < 1.0, np.maximum(ahead - half, 0.0), np.inf)
-        contacts.append(_earliest(gap, near, abs(twist.w)))
-    return tuple(contacts)
+    cosine = (squares - _squares(radii)) / np.maximum(product, 1e-12)
+    # Where the cosine is beyond 1 the disc passes by; below -1 it covers the point wherever it stands.
+    half = np.arccos(np.minimum(np.maximum(cosine, -1.0), 1.0))
+    gaps = np.where(cosine < 1.0, np.maximum(ahead - half, 0.0), np.inf)
+    return _earliest(gaps, near, abs(twist.w))
 
 
-def _earliest(gap: Floats, near: NDArray[np.intp], rate: float) -> Contact:
+def _squares(radii: tuple[float, ...]) -> Floats:
+    return np.array([[radius * radius] for radius in radii])
+
+
+def _earliest(gaps: Floats, near: NDArray[np.intp], rate: float) -> tuple[Contact, ...]:
+    """Of each radius (rows), for points `near`."""
     if len(near) == 0:
-        return NEVER
-    first = int(gap.argmin())
-    return Contact(float(gap[first]) / rate, int(near[first])) if math.isfinite(gap[first]) else NEVER
+        return (NEVER,) * len(gaps)
+    first = gaps.argmin(axis=1).tolist()
+    least = [(float(gap[k]), k) for gap, k in zip(gaps, first, strict=True)]
+    return tuple(Contact(gap / rate, int(near[k])) if math.isfinite(gap) else NEVER for gap, k in least)

@@ -2,8 +2,8 @@
 
 All of it in the odometry frame, all of it bounded. When the odometry jumps, everything is forgotten.
 
-A new scan is taken in at once, with those in it who are known to walk; who else moves is looked for in the tick after,
-20 ms later, so that no tick has to do both.
+A new scan is taken in at once, with those in it who are known to walk. What else moves is looked for in the tick
+after, and whose it is in the next one, 40 ms later, so that no tick has to do it all.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ghal360_robot.angles import wrap
 from ghal360_robot.safety import people as crowd
 from ghal360_robot.safety.people import Person
 from ghal360_robot.safety.sight import MIDDLE_NS, Look, look, seen_free
-from ghal360_robot.safety.view import blind_ahead, scan_fault, silent_ahead
+from ghal360_robot.safety.view import scan_fault, view_ahead
 from ghal360_robot.safety.zones import Around
 from ghal360_robot.trail import Trail
 
@@ -71,12 +71,14 @@ class Scene:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Unsorted:
-    """Returns (n, 2) of the last scan, odometry frame, and their beams (n,): who moves is still to be looked for."""
+    """Returns (n, 2) of the last scan, odometry frame, and their beams (n,): who moves is still to be found out."""
 
     points: Floats
     beam: NDArray[np.intp]
     turning: float
     """rad/s of the base while they were measured."""
+    moved: NDArray[np.bool_] | None = None
+    """(n,): which of them stand where there was free ground; None before that was looked for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,11 +119,10 @@ def remember(memory: Memory, inputs: Inputs, limits: SafetyLimits) -> Memory:
             memory.trail.extended(base), memory.looks, memory.past, memory.people,
             driven, memory.scene, memory.unsorted, memory.someone_ns,
         )  # fmt: skip
-    if memory.unsorted is not None:
-        memory = _sorted_out(memory, memory.unsorted, limits)
+    memory = _sorted_on(memory, limits)
     if around is None or (memory.scene is not None and around.stamp_ns == memory.scene.stamp_ns):
         return memory
-    return _taken_in(memory, around, base.twist.w, limits)
+    return _taken_in(_sorted_on(memory, limits), around, base.twist.w, limits)
 
 
 def here(memory: Memory, now_ns: int) -> Around:
@@ -156,8 +157,7 @@ def _taken_in(memory: Memory, around: Surroundings, turning: float, limits: Safe
     some = np.flatnonzero(squared < limits.people_reach_m**2)[::THIN]
     unsorted = Unsorted(around.points[some] @ to_odometry + here_x_y, around.beam[some], turning)
     fault = scan_fault(around, limits.footprint)
-    ahead = "" if fault else blind_ahead(around)
-    silent = "" if fault or ahead else silent_ahead(around)
+    ahead, silent = ("", "") if fault else view_ahead(around)
     sure = [person for person in memory.people if person.confirmed]
     scene = Scene(stamp_ns, *_parts(close, unsorted.points, sure, stamp_ns), fault, ahead, silent)
     seen = look(around, pose, turning)
@@ -169,13 +169,15 @@ def _taken_in(memory: Memory, around: Surroundings, turning: float, limits: Safe
     return Memory(memory.trail, looks, past, memory.people, memory.driven, scene, unsorted, someone_ns)
 
 
-def _sorted_out(memory: Memory, unsorted: Unsorted, limits: SafetyLimits) -> Memory:
-    """Who moves in the last scan."""
-    scene = memory.scene
-    if scene is None:
+def _sorted_on(memory: Memory, limits: SafetyLimits) -> Memory:
+    """One more step towards knowing who moves in the last scan: first what, then who."""
+    scene, unsorted = memory.scene, memory.unsorted
+    if scene is None or unsorted is None:
         return memory
-    points, beam, stamp_ns = unsorted.points, unsorted.beam, scene.stamp_ns
-    moved = crowd.moving(crowd.compared(memory.looks, stamp_ns), points, beam, unsorted.turning)
+    points, beam, moved, stamp_ns = unsorted.points, unsorted.beam, unsorted.moved, scene.stamp_ns
+    if moved is None:
+        moved = crowd.moving(crowd.compared(memory.looks, stamp_ns), points, beam, unsorted.turning)
+        return replace(memory, unsorted=replace(unsorted, moved=moved))
     people = crowd.follow(memory.people, points, moved, beam, stamp_ns, limits.person_memory_s)
     sure = [person for person in people if person.confirmed]
     parts = _parts(scene.points[: scene.resting], points, sure, stamp_ns)

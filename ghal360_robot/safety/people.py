@@ -126,6 +126,8 @@ def follow(
     memory_s: float,
 ) -> tuple[Person, ...]:
     """People after one more scan: those seen moving now, and those remembered."""
+    if not people and not moved.any():
+        return ()
     there = np.asarray(near(points, people).any(axis=0)).tolist()
     followed = [
         Person(person.x, person.y, person.moved_ns, stamp_ns, person.times) if seen else person
@@ -153,8 +155,10 @@ def near(points: Floats, people: Sequence[Person]) -> NDArray[np.bool_]:
 
 def _middles(points: Floats, beam: NDArray[np.intp]) -> list[list[float]]:
     """The middle of each thing among `points`."""
+    if len(points) == 0:
+        return []
     first, count = things(points, beam)
-    middles: list[list[float]] = (np.add.reduceat(points, first) / count[:, None]).tolist() if len(first) else []
+    middles: list[list[float]] = (np.add.reduceat(points, first) / count[:, None]).tolist()
     return middles
 
 

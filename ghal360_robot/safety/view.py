@@ -56,35 +56,30 @@ def scan_fault(around: Surroundings, footprint: Sequence[Disc]) -> str:
     outermost = max(math.hypot(disc.x - x0, disc.y - y0) + disc.radius for disc in footprint)
     if np.count_nonzero(around.ranges < outermost) <= INSIDE_SHARE * n:
         return ""  # so few are near enough to be inside: nearly always
-    x, y = around.points[:, 0], around.points[:, 1]
+    near = around.points[around.ranges[around.beam] < outermost]
+    x, y = near[:, 0], near[:, 1]
     inside = [(x - disc.x) ** 2 + (y - disc.y) ** 2 < max(disc.radius - INSIDE_M, 0.0) ** 2 for disc in footprint]
     if np.count_nonzero(reduce(np.logical_or, inside)) > INSIDE_SHARE * n:
         return "lidar sees something on the robot itself: is its window dirty?"
     return ""
 
 
-def blind_ahead(around: Surroundings) -> str:
-    """Why this scan says nothing about the way ahead, in words; empty where it does."""
+def view_ahead(around: Surroundings) -> tuple[str, str]:
+    """Why this scan says nothing about the way ahead, or where a wide stretch of it brings no echo: in words.
+
+    The first forbids to drive ahead, the second only to do so fast; empty where there is nothing to say.
+    """
     ahead = np.flatnonzero(np.abs(around.bearings) <= AHEAD)
     edges = around.bearings[ahead]
     if len(edges) == 0 or edges.min() > -0.9 * AHEAD or edges.max() < 0.9 * AHEAD:
-        return "the scan does not cover the way ahead"
-    if np.count_nonzero(np.isfinite(around.ranges[ahead])) < BLOCKED_SHARE * len(ahead):
-        return "lidar sees nothing ahead: covered?"
-    return ""
-
-
-def silent_ahead(around: Surroundings) -> str:
-    """Where a wide stretch ahead brings no echo at all, in words; empty where none does."""
-    ahead = np.flatnonzero(np.abs(around.bearings) <= AHEAD)
+        return "the scan does not cover the way ahead", ""
     heard = ahead[np.isfinite(around.ranges[ahead])]
-    if len(heard):
-        between = int((heard[1:] - heard[:-1]).max(initial=1))
-        most = max(int(heard[0] - ahead[0]), between - 1, int(ahead[-1] - heard[-1]))
-    else:
-        most = len(ahead)
+    if len(heard) < BLOCKED_SHARE * len(ahead):
+        return "lidar sees nothing ahead: covered?", ""
+    between = int((heard[1:] - heard[:-1]).max(initial=1))
+    most = max(int(heard[0] - ahead[0]), between - 1, int(ahead[-1] - heard[-1]))
     wide = most * abs(beam_step(around))
-    return f"slow: lidar gets no echo over {math.degrees(wide):.0f} deg ahead" if wide >= SILENT else ""
+    return "", f"slow: lidar gets no echo over {math.degrees(wide):.0f} deg ahead" if wide >= SILENT else ""
 
 
 def out_of_sight(around: Surroundings, twist: Twist, parts: Sequence[tuple[Disc, float]]) -> list[tuple[float, float]]:

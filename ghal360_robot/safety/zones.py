@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from ghal360_robot.safety.limits import SafetyLimits
 
     Floats = NDArray[np.float64]
-    Mask = NDArray[np.bool_]
 
 CRAWL = 0.1
 """m/s: allowed when already too close, as long as the motion takes no clearance away."""
@@ -66,6 +65,18 @@ class Verdict(NamedTuple):
 FREE = Verdict(math.inf)
 
 
+class Ranked(NamedTuple):
+    """Points (n, 2) and their square metres (n,) from a disc's centre, nearest first; `deep` of them deep inside it."""
+
+    points: Floats
+    squared: Floats
+    deep: int
+
+    def part(self, begin: int, end: int | None = None) -> Ranked:
+        """Those from `begin` to before `end`, none of them counting as deep."""
+        return Ranked(self.points[begin:end], self.squared[begin:end], 0)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Around:
     """What there is to run into, base frame, metres: all returns (n, 2), and those of people (m, 2) among them."""
@@ -73,16 +84,26 @@ class Around:
     points: Floats
     resting: Floats
     walking: Floats
-    _squared: dict[tuple[int, Disc], tuple[Floats, Mask | None]] = field(default_factory=dict, repr=False)
+    _ranked: dict[tuple[int, Disc], Ranked] = field(default_factory=dict, repr=False)
+    _walkers: dict[Disc, tuple[Floats, Floats]] = field(default_factory=dict, repr=False)
 
-    def squared(self, points: Floats, disc: Disc) -> tuple[Floats, Mask | None]:
-        """Square metres (n,) from the disc's centre, and which are deep inside, None for none; once a tick."""
+    def ranked(self, points: Floats, disc: Disc) -> Ranked:
+        """Some of these points by their distance from a disc; worked out once a tick."""
         key = id(points), disc
-        if key not in self._squared:
+        if key not in self._ranked:
             squared = (points[:, 0] - disc.x) ** 2 + (points[:, 1] - disc.y) ** 2
-            deep = squared < max(disc.radius - DEEP_M, 0.0) ** 2
-            self._squared[key] = squared, deep if deep.any() else None
-        return self._squared[key]
+            nearest = squared.argsort()
+            squared = squared[nearest]
+            deep = int(squared.searchsorted(max(disc.radius - DEEP_M, 0.0) ** 2))
+            self._ranked[key] = Ranked(np.asfortranarray(points[nearest]), squared, deep)
+        return self._ranked[key]
+
+    def walkers(self, disc: Disc) -> tuple[Floats, Floats]:
+        """Of those who walk, metres and direction (m,) from a disc's centre; worked out once a tick."""
+        if disc not in self._walkers:
+            dx, dy = self.walking[:, 0] - disc.x, self.walking[:, 1] - disc.y
+            self._walkers[disc] = np.hypot(dx, dy), np.arctan2(dy, dx)
+        return self._walkers[disc]
 
 
 class Berth(NamedTuple):
@@ -124,7 +145,7 @@ def judge(around: Around, twist: Twist, limits: SafetyLimits, measured: Twist) -
             verdict = _zones(around, around.resting, twist, disc, limits, measured, people)
             verdicts.append(verdict._replace(person=True))
         if len(around.walking):
-            verdicts.append(_walking(around.walking, twist, disc, limits))
+            verdicts.append(_walking(around, twist, disc, limits))
     return _worst(verdicts)
 
 
@@ -164,27 +185,25 @@ def _zones(
     What is deep inside the outline (a cable, dirt on the window) is judged by itself: how close it is says nothing
     about how close the rest may come.
     """
-    squared, deep = around.squared(points, disc)
-    if deep is None:
-        return _zone(points, squared, twist, disc, limits, measured, berth)
-    parts = (deep, ~deep)
-    return _worst(_zone(points[part], squared[part], twist, disc, limits, measured, berth) for part in parts)
+    near = around.ranked(points, disc)
+    if not near.deep:
+        return _zone(near, twist, disc, limits, measured, berth)
+    parts = (near.part(0, near.deep), near.part(near.deep))
+    return _worst(_zone(part, twist, disc, limits, measured, berth) for part in parts)
 
 
-def _zone(
-    points: Floats, squared: Floats, twist: Twist, disc: Disc, limits: SafetyLimits, measured: Twist, berth: Berth
-) -> Verdict:
-    """The zones around `points` (n, 2) at `squared` (n,) square metres from the disc's centre."""
+def _zone(near: Ranked, twist: Twist, disc: Disc, limits: SafetyLimits, measured: Twist, berth: Berth) -> Verdict:
+    """The zones around some points, whichever of them are deep."""
     speed = math.hypot(*disc_velocity(disc, twist))
-    if speed < STANDSTILL or len(points) == 0:
+    if speed < STANDSTILL or len(near.points) == 0:
         return FREE
     moving = math.hypot(*disc_velocity(disc, measured))
     decel = _decel(disc, twist, limits)
     reach_m = stopping_m(max(speed, moving), decel, limits.reaction_s) + max(limits.standoff_m, berth.wide_m)
-    clearance = math.sqrt(float(squared.min()))
+    clearance = math.sqrt(float(near.squared[0]))
     if clearance > disc.radius + berth.margin_m + reach_m:
         return FREE
-    points = points[squared <= (disc.radius + berth.margin_m + reach_m) ** 2]
+    points = near.points[: near.squared.searchsorted((disc.radius + berth.margin_m + reach_m) ** 2, "right")]
     close = clearance < disc.radius + berth.margin_m
     radius = max(clearance - NOISE_M, 0.0) if close else disc.radius + berth.margin_m
     touch, side = first_contacts(points, twist, disc, (radius, disc.radius + berth.wide_m))
@@ -204,17 +223,16 @@ def _zone(
     return Verdict(allowed / speed, reach, at)
 
 
-def _walking(points: Floats, twist: Twist, disc: Disc, limits: SafetyLimits) -> Verdict:
+def _walking(around: Around, twist: Twist, disc: Disc, limits: SafetyLimits) -> Verdict:
     """Speed and separation from everybody who walks and whom this motion does not leave behind."""
     vx, vy = disc_velocity(disc, twist)
     speed = math.hypot(vx, vy)
-    if speed < STANDSTILL or len(points) == 0:
+    if speed < STANDSTILL:
         return FREE
-    dx, dy = points[:, 0] - disc.x, points[:, 1] - disc.y
-    apart = np.hypot(dx, dy)
+    points, (apart, bearing) = around.walking, around.walkers(disc)
     decel = _decel(disc, twist, limits)
     turn = twist.w * (limits.reaction_s + speed / decel)
-    towards = _towards(np.arctan2(dy, dx) - math.atan2(vy, vx), turn)
+    towards = _towards(bearing - math.atan2(vy, vx), turn)
     verdicts = [FREE]
     for mask, least in ((towards > ABEAM, 0.0), (np.abs(towards) <= ABEAM, CRAWL)):
         theirs = np.where(mask, apart, np.inf)

@@ -38,7 +38,7 @@ def test_the_command_prints_the_parts(as_json: bool, capsys: pytest.CaptureFixtu
     with contextlib.suppress(GhalError):  # on a busy machine
         cli.tick(1000, as_json)
     out = capsys.readouterr().out
-    assert all(part in out for part in ("decode", "chain", "encode", "floor"))
+    assert all(part in out for part in ("decode", "chain", "encode", "scan", "floor"))
     assert not as_json or json.loads(out.splitlines()[-1])["ticks"] == 1000
 
 

@@ -112,7 +112,7 @@ def test_somebody_seen_only_once_is_not_believed() -> None:
 
 def test_each_scan_is_taken_in_once_and_the_number_kept_is_bounded() -> None:
     tick = at(5, Pose2(), ranges=2.0)
-    memory = after(tick, tick)
+    memory = after(tick, tick, tick)
     assert len(memory.looks) == 1
     again = remember(memory, tick, LIMITS)
     assert again.scene is memory.scene

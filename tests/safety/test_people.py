@@ -59,7 +59,7 @@ class Walk:
         seen = scan(ranges, self.now_ns)
         base = BaseState(self.now_ns - 20_000_000, BaseMode.DRIVE, self.odometry, moving, 90.0)
         tick = Inputs(self.now_ns, 0, base, seen, None, None, {"tim571": FRESH}, surroundings=around(seen))
-        for _ in ("taken in", "sorted out"):
+        for _ in ("taken in", "what moves", "who moves"):
             self.memory = remember(self.memory, tick, LIMITS)
         self.now_ns += SCAN_NS
         return self.memory

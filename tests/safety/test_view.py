@@ -9,7 +9,7 @@ import pytest
 from calibration.mounting import LidarMount
 from ghal360_robot.messages import LidarScan, Surroundings, Twist
 from ghal360_robot.safety.footprint import Disc
-from ghal360_robot.safety.view import blind_ahead, out_of_sight, scan_fault, silent_ahead
+from ghal360_robot.safety.view import out_of_sight, scan_fault, view_ahead
 from ghal360_robot.surroundings import look_around
 from tests.safety.conftest import YAW, around, scan
 
@@ -25,6 +25,14 @@ def ranges(default: float, **parts: float) -> np.ndarray:
         _, first, count = name.split("_")
         values[int(first) : int(first) + int(count)] = value
     return values
+
+
+def blind_ahead(around: Surroundings) -> str:
+    return view_ahead(around)[0]
+
+
+def silent_ahead(around: Surroundings) -> str:
+    return view_ahead(around)[1]
 
 
 def test_a_scan_that_sees_something_says_something() -> None:

@@ -192,13 +192,14 @@ def _chord(half: float) -> tuple[float, float]:
 
 
 def _outer(derivative: Derivative, sigma: float) -> Covariance:
-    x, y, yaw = (sigma * part for part in derivative)
+    x, y, yaw = sigma * derivative[0], sigma * derivative[1], sigma * derivative[2]
     return x * x, x * y, x * yaw, y * y, y * yaw, yaw * yaw
 
 
 def _plus(one: Covariance, other: Covariance) -> Covariance:
-    xx, xy, xt, yy, yt, tt = (a + b for a, b in zip(one, other, strict=True))
-    return xx, xy, xt, yy, yt, tt
+    xx, xy, xt, yy, yt, tt = one
+    dxx, dxy, dxt, dyy, dyt, dtt = other
+    return xx + dxx, xy + dxy, xt + dxt, yy + dyy, yt + dyt, tt + dtt
 
 
 def _pushed(random: Covariance, noise: Noise) -> Covariance:

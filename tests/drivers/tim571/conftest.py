@@ -111,7 +111,7 @@ Until = Callable[[Callable[[], bool]], Awaitable[None]]
 
 @pytest.fixture
 def until() -> Until:
-    """Wait for a condition; fail after ten seconds."""
+    """Wait for a condition; fail after a minute."""
 
     async def wait(condition: Callable[[], bool]) -> None:
         async with asyncio.timeout(60):
