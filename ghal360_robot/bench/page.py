@@ -30,8 +30,13 @@ from ghal360_robot.simulation.encoder import ThetaEncoder
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Sequence
 
+    from numpy.typing import NDArray
+
 SIZES = {"2k": (1920, 960, 42_000_000), "4k": (3840, 1920, 120_000_000)}
 """Width, height and bits a second of the camera's two modes (fact sheet on telepresence, finding 2)."""
+
+NOISE = 42
+"""Of 255 levels; enough for the encoder to need all the bits it is given."""
 
 DECODED_MS = (40.0, 80.0)
 """Budget from an access unit's arrival at the robot to its decoded frame on the page: p50 and p95."""
@@ -118,17 +123,20 @@ class PageCost:
 
 
 def film(mode: str) -> list[bytes]:
-    """One second as heavy as the camera's, that may be shown again and again."""
+    """One second as heavy as the camera's, that may be shown again and again; grey, with nothing painted to detect."""
     width, height, bit_rate = SIZES[mode]
     rng = np.random.default_rng(0)
-    coarse = rng.integers(0, 255, (height // 8, width // 8, 3), np.uint8)
-    noise = rng.integers(0, 60, (height, width, 3), np.uint8)
-    scene = np.clip(coarse.repeat(8, 0).repeat(8, 1) // 2 + noise, 0, 255).astype(np.uint8)
+    scene = rng.integers(0, 128, (height // 8, width // 8), np.uint8).repeat(8, 0).repeat(8, 1)
     with ThetaEncoder(width, height, CAMERA_HZ, bit_rate) as encoder:
-        return [
-            encoder.encode(np.ascontiguousarray(np.roll(scene, (3 * k, 11 * k), (0, 1))))
-            for k in range(round(CAMERA_HZ))
-        ]
+        second = round(CAMERA_HZ)
+        units = [encoder.encode(_noisy(np.roll(scene, (3 * k, 11 * k), (0, 1)), rng)) for k in range(2 * second)]
+    return units[second:]  # in the first its rate control has not settled
+
+
+def _noisy(scene: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+    """As a camera's pictures are: what is new in each cannot be guessed from the one before."""
+    grey = scene + rng.integers(0, NOISE, scene.shape, np.uint8)
+    return np.repeat(grey[:, :, None], 3, axis=2)
 
 
 async def measure(seconds: float, pages: int, mode: str, size: tuple[int, int]) -> PageCost:

@@ -37,7 +37,8 @@ def page(
     if as_json:
         print(json.dumps({**cost.to_json(), "mode": mode, "seconds": seconds, "machine": machine()}))
     else:
-        Console(highlight=False).print(_table(cost))
+        busy = ", ".join(f"{part} {cores:.2f}" for part, cores in cost.cores.items())
+        Console(highlight=False).print(_table(cost), f"cores kept busy: {busy}", sep="\n")
     if cost.missed:
         raise GhalError(
             f"budgets missed: {', '.join(cost.missed)}. The browser draws without a GPU on the same cores; "
