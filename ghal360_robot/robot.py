@@ -42,7 +42,7 @@ from ghal360_robot.logbook.statics import Mount
 from ghal360_robot.loop import ControlLoop
 from ghal360_robot.perception.decode import Picture, PictureDecoder
 from ghal360_robot.perception.detection_worker import DetectionWorker
-from ghal360_robot.perception.detectors.base import make_detector
+from ghal360_robot.perception.detectors.remote import RemoteDetector, apart
 from ghal360_robot.policy_file import KNOWN, known_before, save_policy
 from ghal360_robot.safety.chain import SafetyState
 from ghal360_robot.systemd import Notifier
@@ -91,7 +91,7 @@ class Robot:
         self.record_to = record_to
         self.audience = audience
         self.board: Board = make_board(config, operator.rate_hz if operator else 20.0)
-        self.detector = make_detector(config.perception.detector, detector_options(config))
+        self.detector = apart(config.perception.detector, detector_options(config))
         self.recorder: Recorder
         self.loop: ControlLoop
         self.journal: Journal
@@ -160,6 +160,8 @@ class Robot:
             view=camera_view(config),
         )
         decoder = PictureDecoder(self._decoded)
+        if isinstance(self.detector, RemoteDetector):
+            stack.callback(self.detector.close)
         stack.enter_context(worker)
         stack.enter_context(decoder)
         self._worker = worker

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from ghal360_robot.config import with_overrides
 from ghal360_robot.errors import UsageError
-from ghal360_robot.perception.detectors.base import make_detector
+from ghal360_robot.perception.detectors.networks import class_names_of
 from ghal360_robot.perception.names import canonical
 from ghal360_robot.simulation.link import Cut, Scenario
 from ghal360_robot.simulation.world import LAYOUTS, TARGETS
@@ -62,7 +62,7 @@ def with_target(config: RobotConfig, target: str | None) -> RobotConfig:
     """The configuration with this target, if its detector knows the class. Raises UsageError."""
     if target is not None:
         config = with_overrides(config, {"perception": {"target": target}})
-    wanted, known = canonical(config.perception.target), make_detector(config.perception.detector).class_names
+    wanted, known = canonical(config.perception.target), class_names_of(config.perception.detector)
     if wanted and config.perception.detector != "none" and wanted not in known:
         raise UsageError(
             f"the detector '{config.perception.detector}' does not know '{wanted}': choose one of {', '.join(known)}"

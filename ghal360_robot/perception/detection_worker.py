@@ -7,6 +7,7 @@ import time
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from ghal360_robot.errors import GhalError
 from ghal360_robot.perception.panorama import UPRIGHT, CameraView, around_robot
 from ghal360_robot.perception.worker import Worker
 
@@ -141,5 +142,5 @@ class DetectionWorker(Worker):
                 "Searching a picture with the detector %r failed (%s); repeats are only counted.",
                 self._detector.name,
                 text,
-                exc_info=error,
+                exc_info=None if isinstance(error, GhalError) else error,
             )

@@ -7,9 +7,12 @@ from typing import TYPE_CHECKING
 
 from ghal360_robot.errors import UsageError
 from ghal360_robot.perception.detectors import store
-from ghal360_robot.perception.detectors.base import CENTERNET, DETECTORS, DetectorOptions
+from ghal360_robot.perception.detectors.base import CENTERNET, DETECTORS, DetectorOptions, make_detector
+from ghal360_robot.perception.detectors.coco import CLASSES
 from ghal360_robot.perception.detectors.errors import WeightsError
+from ghal360_robot.perception.detectors.names_file import class_names
 from ghal360_robot.perception.detectors.panoramic import PanoramaDetector
+from ghal360_robot.perception.names import canonical
 from ghal360_robot.perception.tiles import PLANS, TilePlan
 
 if TYPE_CHECKING:
@@ -43,6 +46,20 @@ def plan_of(options: DetectorOptions) -> TilePlan:
 
 def make_network(name: str, options: DetectorOptions, folder: Path | None = None) -> Network:
     """The network that was added under this name. Raises UsageError or WeightsError."""
+    return load_network(added(name, folder), options)
+
+
+def class_names_of(name: str, folder: Path | None = None) -> tuple[str, ...]:
+    """Every name that the detector can return, without loading a network. Raises UsageError or WeightsError."""
+    if name in DETECTORS:
+        return make_detector(name).class_names
+    found = added(name, folder)
+    names = class_names(found.read("names")) if found.has("names") else CLASSES
+    return tuple(dict.fromkeys(canonical(each) for each in names))
+
+
+def added(name: str, folder: Path | None = None) -> Entry:
+    """What was added under this name. Raises UsageError or WeightsError."""
     found = store.entry(name, folder)
     if found is None and name == CENTERNET:
         raise WeightsError(
@@ -52,7 +69,7 @@ def make_network(name: str, options: DetectorOptions, folder: Path | None = None
     if found is None:
         known = ", ".join(dict.fromkeys((*DETECTORS, CENTERNET, *store.entries(folder))))
         raise UsageError(f"There is no detector {name!r}; choose one of {known}.")
-    return load_network(found, options)
+    return found
 
 
 def load_network(entry: Entry | Proposed, options: DetectorOptions) -> Network:
