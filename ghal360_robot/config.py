@@ -122,13 +122,17 @@ class PerceptionSection(_Section):
     precision: Literal["auto", "float32", "bfloat16", "float16"] = Field("auto", description="auto: half on CUDA")
     score: float = Field(0.0, ge=0, le=1, description="Least score a network reports; 0 takes the network's own")
     scores: dict[ClassName, Share] = Field(
-        {"backpack": 0.15, "bottle": 0.2}, max_length=80, description="The same by class, for those hard to see"
+        {"backpack": 0.15, "bottle": 0.2, "laptop": 0.2},
+        max_length=80,
+        description="The same by class, for those hard to see",
     )
     min_score: float = Field(
         0.5, ge=0, le=2, description="Scores of the last seconds, added up, from which an object is believed"
     )
     believe: dict[ClassName, Annotated[float, Field(ge=0, le=2)]] = Field(
-        {}, max_length=80, description="The same by class, for those often seen where there are none"
+        {"backpack": 0.3, "bottle": 0.4, "laptop": 0.4},
+        max_length=80,
+        description="The same by class: lower for those hard to see, higher for those seen where there are none",
     )
     memory_s: Seconds = Field(2.0, description="How long an object in plain view is believed in that is not seen")
     body: tuple[BodyBox, ...] = Field(

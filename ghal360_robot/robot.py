@@ -276,7 +276,7 @@ class Robot:
         self.recorder.detections(detections)
 
     def _open_recorder(self) -> Recorder:
-        lidar, camera = lidar_mount(self.config), camera_mount(self.config)
+        lidar, camera, view = lidar_mount(self.config), camera_mount(self.config), camera_view(self.config)
         start_recovery(self.record_to)
         return Recorder(
             self.record_to,
@@ -293,7 +293,7 @@ class Robot:
             live=live_settings(self.config),
             mounts={
                 "lidar": Mount(lidar.x, lidar.y, lidar.z, lidar.yaw),
-                "theta": Mount(camera.x, camera.y, camera.z, camera.yaw),
+                "theta": Mount(camera.x, camera.y, camera.z, camera.yaw, view.pitch, view.roll),
             },
         )
 

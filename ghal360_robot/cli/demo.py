@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.console import Console
 
-from ghal360_robot.cli.scenario import SIMULATED_DETECTOR, checked_scenario, dressed, with_target
+from ghal360_robot.cli.scenario import checked_scenario, detector_of_demo, dressed, with_target
 from ghal360_robot.cli.session import Session, print_json, run_session
 from ghal360_robot.cli.summary import print_summary
 from ghal360_robot.config import RobotConfig, with_overrides
@@ -21,7 +22,9 @@ def demo(
     world: Annotated[str, typer.Option(help="office or home")] = "office",
     seed: Annotated[int, typer.Option(help="Seed of the world, the noise and the operator", min=0)] = 0,
     target: Annotated[str, typer.Option(help="backpack, laptop, bottle or television")] = "backpack",
-    detector: Annotated[str, typer.Option(help="One of `ghal360 detectors list`")] = SIMULATED_DETECTOR,
+    detector: Annotated[
+        str | None, typer.Option(help="One of `ghal360 detectors list`; centernet, or painted without its weights")
+    ] = None,
     time_limit: Annotated[float, typer.Option(help="Seconds after which the search has failed", min=1)] = TIME_LIMIT_S,
     record: Annotated[Path, typer.Option(help="Where the recording's folder is made")] = Path("runs"),
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object on the last line of stdout")] = False,
@@ -31,6 +34,10 @@ def demo(
     Example: ghal360 demo --world home --target bottle --seed 3
     """
     scenario = checked_scenario(world=world, seed=seed, target=target)
+    if detector is None:
+        detector, why_not = detector_of_demo()
+        if why_not:
+            Console(stderr=True).print(why_not, highlight=False, soft_wrap=True)
     config = with_target(with_overrides(RobotConfig(), {"perception": {"detector": detector}}), target)
     ended = run_session(
         Session(

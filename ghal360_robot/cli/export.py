@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ghal360_robot.assembly import camera_mount, lidar_mount
+from ghal360_robot.assembly import camera_mount, camera_view, lidar_mount
 from ghal360_robot.config import RobotConfig, parse_config
 from ghal360_robot.errors import GhalError, UsageError
 from ghal360_robot.export.csv_tables import write_csv
@@ -44,8 +44,7 @@ def export(
     with RunReader(run) as reader:
         config = parse_config(reader.config_json, str(run)) if reader.config_json else RobotConfig()
         if mp4 is not None:
-            camera_yaw, target = math.radians(config.mounting.camera_yaw_deg), config.perception.target
-            film = FilmSettings(look, width, camera_yaw, target, from_s, to_s)
+            film = FilmSettings(look, width, camera_view(config), config.perception.target, from_s, to_s)
             report["mp4"] = {"file": str(mp4), "pictures": _written(mp4, lambda: write_mp4(reader, mp4, film))}
         if mcap is not None:
             mounts = Mounts(lidar_mount(config), camera_mount(config))

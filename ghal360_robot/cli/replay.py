@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import math
 import time
 from collections import Counter
 from dataclasses import dataclass, field
@@ -16,7 +15,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from ghal360_robot.assembly import lidar_mount, make_brain, make_safety
+from ghal360_robot.assembly import camera_view, detector_options, lidar_mount, make_brain, make_safety
 from ghal360_robot.config import load_config, parse_config, with_overrides
 from ghal360_robot.errors import GhalError, UsageError
 from ghal360_robot.logbook.outcome import Outcome
@@ -133,11 +132,11 @@ def compare(
 ) -> Comparison:
     """Replay the whole run with these settings, and with `detector` where one is named."""
     comparison = Comparison()
-    camera_yaw = math.radians(settings.mounting.camera_yaw_deg)
+    camera = camera_view(settings)
     with contextlib.ExitStack() as stack:
         overlay = None
         if overlay_path is not None:
-            overlay = stack.enter_context(Overlay(overlay_path, reader.run_id, reader.anchor, camera_yaw))
+            overlay = stack.enter_context(Overlay(overlay_path, reader.run_id, reader.anchor, camera))
 
         def found(detections: Detections) -> None:
             comparison.replayed.detected(detections)
@@ -146,8 +145,8 @@ def compare(
 
         other: Iterator[Detections] | None = None
         if detector:
-            rate_hz = settings.perception.rate_hz
-            other = redetect(reader, make_detector(detector), rate_hz=rate_hz, camera_yaw=camera_yaw, told=found)
+            chosen, rate_hz = make_detector(detector, detector_options(settings)), settings.perception.rate_hz
+            other = redetect(reader, chosen, rate_hz=rate_hz, camera=camera, told=found)
             for detections in reader.detections():
                 comparison.recorded.detected(detections)
         first_ns: int | None = None

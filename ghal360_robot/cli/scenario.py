@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 from ghal360_robot.config import with_overrides
 from ghal360_robot.errors import UsageError
+from ghal360_robot.perception.detectors import store
+from ghal360_robot.perception.detectors.base import CENTERNET
 from ghal360_robot.perception.detectors.networks import class_names_of
 from ghal360_robot.perception.names import canonical
 from ghal360_robot.simulation.link import Cut, Scenario
@@ -18,7 +20,17 @@ if TYPE_CHECKING:
     from ghal360_robot.config import RobotConfig
 
 SIMULATED_DETECTOR = "painted"
-"""What searches the simulated world unless another detector is asked for."""
+"""What `run --sim` searches the simulated world with unless another detector is asked for: it costs next to nothing."""
+
+
+def detector_of_demo() -> tuple[str, str]:
+    """A real detector where its weights are on this machine; else the simulated world's own, and a sentence why."""
+    if CENTERNET in store.entries():
+        return CENTERNET, ""
+    return SIMULATED_DETECTOR, (
+        f"The weights of '{CENTERNET}' are not on this machine, so the world is painted for a detector of its own; "
+        f"for a real one run `ghal360 detectors add {CENTERNET}` (29 MB, needs npm and network)."
+    )
 
 
 def checked_scenario(

@@ -15,6 +15,7 @@ from ghal360_robot.export.viewport import ViewportSize, viewport
 from ghal360_robot.logbook.pictures import pictures
 from ghal360_robot.messages import Cue, HeadPose
 from ghal360_robot.perception.overlay import Annotation, draw
+from ghal360_robot.perception.panorama import UPRIGHT, CameraView
 from ghal360_robot.perception.sphere import PictureSize
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ class FilmSettings:
 
     look: Look = Look.PANORAMA
     width: int = 1280
-    camera_yaw: float = 0.0
+    camera: CameraView = UPRIGHT
     target: str = ""
     from_s: float = 0.0
     to_s: float = float("inf")
@@ -106,10 +107,10 @@ def film(reader: RunReader, settings: FilmSettings) -> Iterator[tuple[int, Pixel
         annotation = annotate(stamp_ns, found, tick, head, settings.target)
         if settings.look is Look.VIEW:
             # Drawn before it is cut out: boxes and cue then bend as the world does.
-            whole = draw(_rgb(frame, PictureSize(frame.width, frame.height)), annotation, settings.camera_yaw)
-            yield stamp_ns, viewport(whole, head, ViewportSize(size.width, size.height), settings.camera_yaw)
+            whole = draw(_rgb(frame, PictureSize(frame.width, frame.height)), annotation, settings.camera)
+            yield stamp_ns, viewport(whole, head, ViewportSize(size.width, size.height), settings.camera.yaw)
         else:
-            yield stamp_ns, draw(_rgb(frame, size), annotation, settings.camera_yaw)
+            yield stamp_ns, draw(_rgb(frame, size), annotation, settings.camera)
 
 
 def annotate(stamp_ns: int, found: Detections | None, tick: Tick | None, head: HeadPose, target: str) -> Annotation:

@@ -17,6 +17,7 @@ from ghal360_robot.logbook.encoding import chunk, identified
 from ghal360_robot.logbook.errors import RecordingNotWritableError
 from ghal360_robot.logbook.statics import APPLICATION_ID, SERIES, STATE_COLORS
 from ghal360_robot.logbook.table import Row, Table
+from ghal360_robot.perception.panorama import UPRIGHT, CameraView
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -48,10 +49,10 @@ TICKS_AT_ONCE = 500
 class Overlay:
     """Writes the second recording of one run. Raises RecordingNotWritableError."""
 
-    def __init__(self, path: Path, run_id: str, anchor: Anchor, camera_yaw: float = 0.0) -> None:
+    def __init__(self, path: Path, run_id: str, anchor: Anchor, camera: CameraView = UPRIGHT) -> None:
         # Ids of rows begin with an instant of the run's; these must not be those of its rows.
         self._batches = Batches(anchor, first_row=1 << 62)
-        self._camera_yaw = camera_yaw
+        self._camera = camera
         self._waiting = 0
         self._stream = rr.RecordingStream(APPLICATION_ID, recording_id=run_id, send_properties=False)
         try:
@@ -86,7 +87,7 @@ class Overlay:
         self._add(row for row in made if row.table in SHOWN)
 
     def detections(self, found: Detections) -> None:
-        self._add(rows.detections(found, self._camera_yaw))
+        self._add(rows.detections(found, self._camera))
 
     def _add(self, made: Iterable[Row]) -> None:
         for row in made:

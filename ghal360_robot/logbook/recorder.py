@@ -23,6 +23,7 @@ from ghal360_robot.logbook.store import Store
 from ghal360_robot.logbook.tick_drawing import TickRows
 from ghal360_robot.logbook.writer import Writer
 from ghal360_robot.messages import ArmState, Bookmark
+from ghal360_robot.perception.panorama import CameraView
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -132,7 +133,8 @@ class Recorder:
         second = [] if settings.second_directory is None else [settings.second_directory]
         self._folders = run_folder.create([directory, *second], self._run)
         self.folder = directory / self.run_id
-        self._camera_yaw = mounts["theta"].yaw if "theta" in mounts else 0.0
+        camera = mounts.get("theta", Mount())
+        self._camera = CameraView(camera.yaw, camera.pitch, camera.roll)
         self._part = PartFile(application_id, self._run)
         self._mailbox: Mailbox[Entry] = Mailbox(max_bytes, max_entries)
         self._live = None if live is None else LiveFeed(live, self._run)
@@ -208,7 +210,7 @@ class Recorder:
         self._put("theta/video", make, len(data), video=True, keyframe=keyframe)
 
     def detections(self, found: Detections) -> None:
-        self._put("theta/objects", partial(rows.detections, found, self._camera_yaw))
+        self._put("theta/objects", partial(rows.detections, found, self._camera))
 
     def lidar_telegram(self, stamp_ns: int, data: bytes) -> None:
         """One telegram as received, framing included."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ghal360_robot.logbook.pictures import pictures
-from ghal360_robot.perception.panorama import around_robot
+from ghal360_robot.perception.panorama import UPRIGHT, CameraView, around_robot
 from ghal360_robot.perception.sphere import PictureSize
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ def redetect(
     detector: Detector,
     *,
     rate_hz: float,
-    camera_yaw: float,
+    camera: CameraView = UPRIGHT,
     told: Callable[[Detections], None] | None = None,
 ) -> Iterator[Detections]:
     """What `detector` finds in the pictures that were searched in the run, or in so many a second where none were."""
@@ -36,7 +36,7 @@ def redetect(
         found = around_robot(
             detector.detect(frame.to_ndarray(format="rgb24").astype(np.uint8, copy=False)),
             PictureSize(frame.width, frame.height),
-            camera_yaw,
+            camera,
             stamp_ns=stamp_ns,
             picture=number,
             detector=detector.name,

@@ -11,7 +11,8 @@ import numpy as np
 from ghal360_robot.logbook import entities, scan_values
 from ghal360_robot.logbook.table import Row
 from ghal360_robot.messages import BaseMode
-from ghal360_robot.perception.sphere import PictureSize, SphereBox, parts_of_box, pixel_box
+from ghal360_robot.perception.panorama import CameraView, in_picture
+from ghal360_robot.perception.sphere import PictureSize, SphereBox, parts_of_box
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -53,11 +54,11 @@ def access_unit(
     yield Row(entities.THETA_VIDEO, stamp_ns, values)
 
 
-def detections(found: Detections, camera_yaw: float) -> Iterator[Row]:
+def detections(found: Detections, camera: CameraView | float) -> Iterator[Row]:
     drawn = [
         (part, f"{o.name} {o.score:.2f}", zlib.crc32(o.name.encode()) & 0x7FFF)
         for o in found.objects
-        for part in parts_of_box(pixel_box(SphereBox(o.yaw, o.pitch, o.width, o.height), PICTURE, camera_yaw), PICTURE)
+        for part in parts_of_box(in_picture(SphereBox(o.yaw, o.pitch, o.width, o.height), PICTURE, camera), PICTURE)
     ]
     yield Row(
         entities.THETA_OBJECTS,

@@ -65,6 +65,9 @@ class Mount:
     y: float = 0.0
     z: float = 0.0
     yaw: float = 0.0
+    pitch: float = 0.0
+    """How a camera leans: its pictures do, its frame stays level."""
+    roll: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

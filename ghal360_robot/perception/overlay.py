@@ -11,6 +11,7 @@ import numpy as np
 
 from ghal360_robot.guidance.egocentric import CLUTTER, N_WEDGES, TARGET, WEDGE_WIDTH, wedge_centre
 from ghal360_robot.messages import Cue
+from ghal360_robot.perception.panorama import UPRIGHT, CameraView, in_picture
 from ghal360_robot.perception.sphere import PictureSize, SphereBox, parts_of_box, pixel_box, pixel_of_direction
 
 if TYPE_CHECKING:
@@ -46,12 +47,12 @@ class Annotation:
     cue: Cue = Cue.NONE
 
 
-def draw(picture: Picture, annotation: Annotation, camera_yaw: float = 0.0) -> Picture:
+def draw(picture: Picture, annotation: Annotation, camera: CameraView = UPRIGHT) -> Picture:
     """The panorama (height, width, 3) RGB with its annotation; the input is left as it is."""
     canvas = picture.copy()
-    size = PictureSize(canvas.shape[1], canvas.shape[0])
+    size, camera_yaw = PictureSize(canvas.shape[1], canvas.shape[0]), camera.yaw
     for found in annotation.objects:
-        _draw_object(canvas, found, size, camera_yaw, is_target=found.name == annotation.target)
+        _draw_object(canvas, found, size, camera, is_target=found.name == annotation.target)
     if annotation.wedges:
         _draw_ring(canvas, annotation, size, camera_yaw)
     _draw_view(canvas, annotation, size, camera_yaw)
@@ -59,9 +60,9 @@ def draw(picture: Picture, annotation: Annotation, camera_yaw: float = 0.0) -> P
     return canvas
 
 
-def _draw_object(canvas: Picture, found: Detection, size: PictureSize, camera_yaw: float, *, is_target: bool) -> None:
+def _draw_object(canvas: Picture, found: Detection, size: PictureSize, camera: CameraView, *, is_target: bool) -> None:
     colour = TARGET_COLOUR if is_target else OBJECT_COLOUR
-    box = pixel_box(SphereBox(found.yaw, found.pitch, found.width, found.height), size, camera_yaw)
+    box = in_picture(SphereBox(found.yaw, found.pitch, found.width, found.height), size, camera)
     for part in parts_of_box(box, size):
         corner = (round(part.left), round(part.top))
         opposite = (round(part.left + part.width), round(part.top + part.height))

@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING
 
 from ghal360_robot.messages import Detection, Detections
 from ghal360_robot.perception.merge import area, intersection
-from ghal360_robot.perception.sphere import PictureSize, SphereBox, camera_rotation, sphere_box, turned_box
+from ghal360_robot.perception.sphere import (
+    PictureSize,
+    PixelBox,
+    SphereBox,
+    camera_rotation,
+    pixel_box,
+    sphere_box,
+    turned_box,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -36,6 +44,15 @@ class CameraView:
 
 UPRIGHT = CameraView()
 """A camera that stands straight and looks ahead, on a robot it does not see."""
+
+
+def in_picture(box: SphereBox, size: PictureSize, view: CameraView | float) -> PixelBox:
+    """Where a box of the base frame lies in the picture; a number is an upright camera's yaw."""
+    if not isinstance(view, CameraView):
+        view = CameraView(view)
+    if view.upright():
+        return pixel_box(box, size, view.yaw)
+    return pixel_box(turned_box(box, camera_rotation(view.yaw, view.pitch, view.roll).T), size)
 
 
 def around_robot(

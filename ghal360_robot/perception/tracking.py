@@ -41,7 +41,7 @@ class TrackSettings:
     confirm: float = 0.5
     """Evidence (sum of faded scores) from which an object is believed."""
     release: float = 0.25
-    """Evidence below which it no longer is."""
+    """Evidence below which it no longer is, or half of what began it where that is less."""
     confirm_class: Mapping[str, float] = field(default_factory=dict)
     """Other values of `confirm` by class, for those that detectors get wrong."""
     fading_s: float = 2.0
@@ -210,7 +210,9 @@ def _judged(settings: TrackSettings, item: Remembered, now_ns: int) -> Remembere
     evidence = _faded(settings, item, now_ns)
     limit_s = settings.permanence_s if item.hidden else settings.memory_s
     recent = now_ns - item.seen_ns <= limit_s * NS
-    needed = settings.release if item.believed else settings.confirm_class.get(item.name, settings.confirm)
+    needed = settings.confirm_class.get(item.name, settings.confirm)
+    if item.believed:
+        needed = min(settings.release, needed / 2)
     return replace(
         item, evidence=evidence, judged_ns=max(now_ns, item.judged_ns), believed=recent and evidence >= needed
     )

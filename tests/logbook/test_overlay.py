@@ -80,7 +80,7 @@ def test_other_settings_are_a_table_and_a_second_recording_under_the_firsts_id(r
 def test_another_detector_sees_the_pictures_of_the_run_in_the_place_of_the_first(run: Path) -> None:
     seen: list[int] = []
     with RunReader(run) as reader:
-        found = list(redetect(reader, OneThing(), rate_hz=4.0, camera_yaw=0.0, told=lambda d: seen.append(d.stamp_ns)))
+        found = list(redetect(reader, OneThing(), rate_hz=4.0, told=lambda d: seen.append(d.stamp_ns)))
         decoded = [stamp for stamp, _ in pictures(reader)]
         recorded = {detections.stamp_ns for detections in reader.detections()}
     assert len(decoded) == len(range(0, SECONDS * 50, 8))

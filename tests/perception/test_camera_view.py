@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from ghal360_robot.assembly import camera_view
 from ghal360_robot.config import RobotConfig, with_overrides
 from ghal360_robot.perception.detectors.base import PixelDetection
-from ghal360_robot.perception.panorama import CameraView, around_robot
+from ghal360_robot.perception.panorama import CameraView, around_robot, in_picture
 from ghal360_robot.perception.sphere import (
     PictureSize,
     PixelBox,
@@ -110,3 +110,15 @@ def test_the_mounting_and_the_body_come_from_the_settings() -> None:
     assert view.body == (SphereBox(pi, radians(-30), radians(40), radians(20)),)
     assert view.shows_body(SphereBox(-pi + 0.05, radians(-30), 0.2, 0.1))
     assert not view.shows_body(SphereBox(0.0, radians(-30), 0.2, 0.1))
+
+
+@given(angles, angles)
+def test_a_box_is_drawn_where_a_leaning_camera_saw_it(pitch: float, roll: float) -> None:
+    view = CameraView(0.4, pitch, roll)
+    seen = PixelBox(900.0, 500.0, 60.0, 40.0)
+    (found,) = around_robot([PixelDetection("cup", 0.9, seen)], SIZE, view, stamp_ns=0, picture=0, detector="x").objects
+    drawn = in_picture(SphereBox(found.yaw, found.pitch, found.width, found.height), SIZE, view)
+    assert drawn.left + drawn.width / 2 == pytest.approx(seen.left + seen.width / 2, abs=6.0)
+    assert drawn.top + drawn.height / 2 == pytest.approx(seen.top + seen.height / 2, abs=6.0)
+    assert drawn.width >= seen.width - 0.01
+    assert drawn.height >= seen.height - 0.01

@@ -37,7 +37,8 @@ def serve(link: Connection, memory: memoryview) -> None:
 def _answer(detector: Detector, search: Search, memory: memoryview) -> object:
     try:
         if not search.height:
-            return detector.warm_up() or ()
+            detector.warm_up()
+            return ()
         shape = search.height, search.width, 3
         picture = np.frombuffer(memory, np.uint8, search.height * search.width * 3).reshape(shape)
         return detector.detect(picture)
