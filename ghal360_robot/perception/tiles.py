@@ -171,10 +171,38 @@ class TilePlan:
     one_a_turn: bool = False
 
     @property
+    def period(self) -> float:
+        """Radians by which an evenly spaced ring can be turned into itself."""
+        return tau / len(self.tiles)
+
+    @property
     def overlap(self) -> float:
         """Radians that neighbours of an evenly spaced ring share; 0 for a single tile."""
         spans = [tile.width if isinstance(tile, EquirectTile) else tile.fov for tile in self.tiles]
         return max(0.0, min(spans) - tau / len(self.tiles)) if len(self.tiles) > 1 else 0.0
+
+
+EVERY_ROW = 8
+"""Of the panorama's rows, looked at by `settled_yaw`: what is to be found is larger than 1.5 degrees."""
+
+NOISE = 16
+"""Of 255: smaller differences of neighbouring columns are the camera's and the codec's as much as the scene's."""
+
+
+def settled_yaw(panorama: Picture, period: float) -> float:
+    """Where to turn a ring of tiles with this period: their middles to where most is to be seen, edges to where least.
+
+    It turns with the panorama, so that the tiles stand still in the world while the robot turns; else what a network
+    finds would flicker as the tiles' edges sweep over things. The phase of the ring's harmonic of the upright edges.
+    """
+    rows, columns = panorama.shape[:2]
+    band = panorama[rows // 6 : rows - rows // 6 : EVERY_ROW, :, 1].astype(np.int16)
+    energy = np.maximum(np.abs(band - np.roll(band, 1, axis=1)) - NOISE, 0).sum(axis=0, dtype=np.int64)
+    # Column i's difference lies on the line between columns i - 1 and i.
+    yaw = pi - np.arange(columns) * (tau / columns)
+    harmonic = complex(energy @ np.exp(1j * (tau / period) * yaw))
+    # Where nothing stands out there is no phase, only rounding.
+    return float(np.angle(harmonic)) * period / tau if abs(harmonic) > 1e-6 * energy.sum() else 0.0
 
 
 def equirect_ring(count: int, width_deg: float, height_deg: float = 120.0, pitch_deg: float = 0.0) -> tuple[Tile, ...]:

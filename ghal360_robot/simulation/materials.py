@@ -11,6 +11,8 @@ from ghal360_robot.simulation.pixels import hsv
 if TYPE_CHECKING:
     from numpy.random import Generator
 
+    from ghal360_robot.simulation.objects import WorldObject
+
 OAK: Colour = (0.83, 0.722, 0.612)
 WALNUT: Colour = (0.50, 0.426, 0.368)
 ASH: Colour = (0.78, 0.73, 0.66)
@@ -59,3 +61,14 @@ def fronts(
             else:
                 inner = (1.0 if column % 2 == 0 else -1.0) * (wide / 2 - 0.05)
                 f.box(x + inner, -d / 2 - 0.026, z + tall * 0.5, (0.012, 0.018, min(0.3, tall * 0.35)), CHROME, skip=())
+
+
+def television_feet(f: Frame, o: WorldObject) -> float:
+    """Two feet under a flat television that stands on something; returns the height of its lower edge."""
+    if o.z >= 0.7:
+        return 0.0
+    low, aside = 0.06, o.size[0] * 0.32
+    for x in (-aside, aside):
+        f.box(x, 0, 0, (0.03, 0.22, 0.015), INK)
+        f.box(x, 0, 0.01, (0.03, 0.03, low), INK)
+    return low

@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from ghal360_robot.simulation.materials import INK, pick, shade
+from ghal360_robot.simulation.materials import pick, shade, television_feet
 from ghal360_robot.simulation.meshes import Colour, Frame, Section, Surface
 from ghal360_robot.simulation.pixels import hsv
 
@@ -31,12 +31,7 @@ It reaches some centimetres beyond the footprint; each pixel more makes it be fo
 def television(f: Frame, o: WorldObject, rng: Generator) -> None:
     """A flat set that shows a programme, on feet if it stands on something."""
     w, d, h = o.size
-    standing = o.z < 0.7
-    low = 0.06 if standing else 0.0
-    if standing:
-        for side in (-1.0, 1.0):
-            f.box(side * w * 0.32, 0, 0, (0.03, 0.22, 0.015), INK)
-            f.box(side * w * 0.32, 0, 0.01, (0.03, 0.03, low), INK)
+    low = television_feet(f, o)
     face = Surface(f"programme {int(rng.integers(PROGRAMMES))}", glows=True)
     f.box(0, -d * 0.1, low, (w, d * 0.4, h - low), BEZEL, front=face, skip=())
     f.box(0, d * 0.2, low + 0.06, (w * 0.8, d * 0.4, h * 0.6), BEZEL, skip=())

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from ghal360_robot.simulation.materials import CHROME, INK, paint, pick
+from ghal360_robot.simulation.materials import CHROME, INK, paint, pick, television_feet
 from ghal360_robot.simulation.meshes import Colour, Frame, Surface
 from ghal360_robot.simulation.paint import PAINT
 from ghal360_robot.simulation.pixels import hsv
@@ -71,12 +71,7 @@ def bottle(f: Frame, o: WorldObject, _rng: Generator) -> None:
 
 def television(f: Frame, o: WorldObject, _rng: Generator) -> None:
     w, d, h = o.size
-    standing = o.z < 0.7
-    low = 0.06 if standing else 0.0
-    if standing:
-        for side in (-1.0, 1.0):
-            f.box(side * w * 0.32, 0, 0, (0.03, 0.22, 0.015), INK)
-            f.box(side * w * 0.32, 0, 0.01, (0.03, 0.03, low), INK)
+    low = television_feet(f, o)
     f.box(0, 0.01, low, (w, d * 0.5, h - low), INK, skip=())
     face = Surface("television", glows=True)
     f.box(0, -d * 0.22 - 0.005, low + 0.022, (w - 0.03, 0.004, h - low - 0.034), INK, front=face, skip=("back",))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import pi, radians, tau
+from math import pi, radians, remainder, tau
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from ghal360_robot.angles import wrap
 from ghal360_robot.perception.sphere import PictureSize, unit_vector
-from ghal360_robot.perception.tiles import PLANS, EquirectTile, PerspectiveTile
+from ghal360_robot.perception.tiles import PLANS, EquirectTile, PerspectiveTile, settled_yaw
 
 SIZE = PictureSize(1920, 960)
 
@@ -140,3 +140,21 @@ def test_panoramas_of_any_size_can_be_cut(width: int, height: int, plan: str) ->
 
 def test_only_tiles_with_neighbours_cut() -> None:
     assert all(tile.cuts() == (plan.name != "full") for plan in PLANS.values() for tile in plan.tiles)
+
+
+@pytest.mark.parametrize("period", [pi / 2, pi / 3, tau])
+def test_the_ring_of_tiles_stands_still_in_the_world_while_the_picture_turns(period: float) -> None:
+    rng = np.random.default_rng(3)
+    panorama = np.repeat(np.repeat(rng.integers(0, 255, (12, 24, 3), np.uint8), 40, 0), 40, 1)
+    still = settled_yaw(panorama, period)
+    for columns in (1, 80, 333, 700):
+        turned = settled_yaw(np.roll(panorama, columns, axis=1), period)
+        turn = still - turned - columns * tau / panorama.shape[1]
+        assert abs(remainder(turn, period)) < 1e-9
+
+
+def test_tiles_have_in_their_middle_what_stands_out() -> None:
+    panorama = np.full((480, 960, 3), 90, np.uint8)
+    panorama[200:280, 300:340] = 250
+    assert settled_yaw(panorama, pi / 2) == pytest.approx(remainder(pi - 320 * tau / 960, pi / 2))
+    assert settled_yaw(np.full((480, 960, 3), 90, np.uint8), pi / 2) == 0.0

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import replace
+from math import tau
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ghal360_robot.angles import wrap
 from ghal360_robot.perception.detectors.base import PixelDetection
 from ghal360_robot.perception.detectors.letterbox import checked
 from ghal360_robot.perception.merge import KEEP_SHARE, TileBox, continued, merged
 from ghal360_robot.perception.names import canonical
 from ghal360_robot.perception.sphere import PictureSize, pixel_box
-from ghal360_robot.perception.tiles import EDGE, PLANS, PerspectiveTile, Tile, TilePlan
+from ghal360_robot.perception.tiles import EDGE, PLANS, PerspectiveTile, Tile, TilePlan, settled_yaw
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -51,6 +54,7 @@ class PanoramaDetector:
         self._start = {name: asked.get(name, everywhere) for name in self.class_names}
         self._least = np.array([KEEP_SHARE * self._start[name] for name in self._names], np.float32)
         self._turn = 0
+        self._settled = 0.0
         self._before: deque[list[TileBox]] = deque(maxlen=len(plan.tiles) if plan.one_a_turn else 1)
 
     def warm_up(self) -> None:
@@ -58,18 +62,20 @@ class PanoramaDetector:
         self.detect(np.full((960, 1920, 3), 127, np.uint8))
         self._before.clear()
         self._turn = 0
+        self._settled = 0.0
 
     def detect(self, rgb: Picture) -> list[PixelDetection]:
         """Objects all around, best first. Raises PictureError unless `rgb` is (height, width, 3) uint8."""
         checked(rgb)
         size = PictureSize(rgb.shape[1], rgb.shape[0])
-        tiles = self._tiles()
-        cuts = [tile.cut(rgb) for tile in tiles]
+        tiles, shift = self._tiles(), self._shift(rgb)
+        turned = np.roll(rgb, shift, axis=1) if shift else rgb
+        cuts = [tile.cut(turned) for tile in tiles]
         found = self.network.detect(cuts, float(self._least.min()))
         boxes = [
             box
             for tile, cut, seen in zip(tiles, cuts, found, strict=True)
-            for box in self._on_sphere(tile, cut, seen, size)
+            for box in self._on_sphere(tile, cut, seen, size, shift * tau / size.width)
         ]
         before = [item for picture in self._before for item in picture]
         objects = continued(merged(boxes, self.plan.overlap), before, self._start)
@@ -82,13 +88,21 @@ class PanoramaDetector:
         self._turn = (self._turn + 1) % len(self.plan.tiles)
         return (self.plan.tiles[self._turn],)
 
-    def _on_sphere(self, tile: Tile, cut: Picture, seen: Boxes, size: PictureSize) -> list[TileBox]:
+    def _shift(self, rgb: Picture) -> int:
+        """Columns to move the picture by, so that the tiles stand still in the world."""
+        period = self.plan.period
+        # Of the ring's equivalent places the nearest to the last one: one tile a turn then goes round as before.
+        self._settled += math.remainder(settled_yaw(rgb, period) - self._settled, period)
+        return round(self._settled / tau * rgb.shape[1]) % rgb.shape[1]
+
+    def _on_sphere(self, tile: Tile, cut: Picture, seen: Boxes, size: PictureSize, turn: float) -> list[TileBox]:
+        """Boxes of the picture that was moved, turned back by `turn`."""
         good = seen.score >= self._least[seen.kind]
         xyxy, score, kind = seen.xyxy[good], seen.score[good], seen.kind[good]
         # Nothing shows what lies beyond the upper and lower edges: what is cut there is as whole as it gets.
         near = np.minimum(xyxy[:, 0], cut.shape[1] - xyxy[:, 2]) < cut.shape[1] * EDGE
         is_cut = near & tile.cuts()
         return [
-            TileBox(self._names[k], float(s), box, bool(c))
+            TileBox(self._names[k], float(s), replace(box, yaw=wrap(box.yaw + turn)), bool(c))
             for box, s, k, c in zip(tile.boxes(xyxy, size), score, kind, is_cut, strict=True)
         ]
