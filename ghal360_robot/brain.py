@@ -114,9 +114,7 @@ class Brain:
         if self.fusion is not None and found is not None and self.target:
             pose = standpoint.pose
             wedges = tuple(
-                wedge_of(-wrap(pose.yaw + item.yaw))
-                for item in found.objects
-                if canonical(item.name) == self.target and item.score >= self.scene.confirm
+                wedge_of(-wrap(pose.yaw + item.yaw)) for item in found.objects if canonical(item.name) == self.target
             )
             state = replace(state, target=look(self.fusion, state.target, wedges, (pose.x, pose.y), found.stamp_ns))
         if not self.target:

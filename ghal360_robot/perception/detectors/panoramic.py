@@ -93,7 +93,8 @@ class PanoramaDetector:
         period = self.plan.period
         # Of the ring's equivalent places the nearest to the last one: one tile a turn then goes round as before.
         self._settled += math.remainder(settled_yaw(rgb, period) - self._settled, period)
-        return round(self._settled / tau * rgb.shape[1]) % rgb.shape[1]
+        width = int(rgb.shape[1])
+        return round(self._settled / tau * width) % width
 
     def _on_sphere(self, tile: Tile, cut: Picture, seen: Boxes, size: PictureSize, turn: float) -> list[TileBox]:
         """Boxes of the picture that was moved, turned back by `turn`."""
