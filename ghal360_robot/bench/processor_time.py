@@ -23,7 +23,7 @@ OTHERS = "others on this machine"
 def seconds_used(root: int) -> dict[str, float]:
     """Processor seconds until now, by part: `root` is HERE, what it started by PARTS, everything else OTHERS."""
     used: dict[str, float] = {}
-    for pid in (root, *_below(root)):
+    for pid in (root, *below(root)):
         part = HERE if pid == root else _part(pid)
         used[part] = used.get(part, 0.0) + _seconds(pid)
     return {**used, OTHERS: _all_seconds() - sum(used.values())}
@@ -35,7 +35,8 @@ def cores_between(before: dict[str, float], after: dict[str, float], seconds: fl
     return dict(sorted(cores.items(), key=lambda item: -item[1]))
 
 
-def _below(root: int) -> list[int]:
+def below(root: int) -> list[int]:
+    """Every process that this one, or one of these, has started."""
     children: dict[int, list[int]] = {}
     for entry in PROC.glob("[0-9]*"):
         fields = _stat(int(entry.name))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import math
 import os
@@ -16,6 +17,7 @@ import numpy as np
 import pytest
 
 from ghal360_robot.bench.browser import chromium
+from ghal360_robot.bench.processor_time import below
 from ghal360_robot.logbook.reader import RunReader
 from tests.end_to_end.page_robot import LIVE, WHY_NOT, armed, opened, page_robot, turning
 
@@ -92,7 +94,7 @@ async def test_a_page_process_that_is_killed_stops_the_robot_and_comes_back(tmp_
         await turning(tab)
         conn = await tab.evaluate("telepresence.conn")
         killed_ns = time.monotonic_ns()
-        os.kill(page_process_of(robot.process.pid), signal.SIGKILL)
+        os.kill(process_of(robot.process.pid, "page_process"), signal.SIGKILL)
         await tab.until(f"![{json.dumps(conn)}, ''].includes(telepresence.conn) && ({LIVE})", "the page again", 40)
         assert not await tab.evaluate("telepresence.right.yours")
         assert await tab.evaluate("telepresence.state.arm") == "disarmed"
@@ -100,20 +102,16 @@ async def test_a_page_process_that_is_killed_stops_the_robot_and_comes_back(tmp_
     assert (max(moving, default=killed_ns) - killed_ns) / 1e6 <= 300
 
 
-def page_process_of(pid: int) -> int:
-    """The child of this process that serves the page."""
-    for entry in Path("/proc").glob("[0-9]*"):
-        try:
-            parent = int((entry / "stat").read_text(errors="replace").rsplit(")", 1)[1].split()[1])
-            words = (entry / "cmdline").read_text(errors="replace")
-        except OSError:
-            continue
-        if parent == pid and "page_process" in words:
-            return int(entry.name)
-    raise AssertionError("there is no such process")
+def process_of(pid: int, word: str) -> int:
+    """What this process, or one that it started, has started with this word in its command line."""
+    for child in below(pid):
+        with contextlib.suppress(OSError):
+            if word in Path(f"/proc/{child}/cmdline").read_text(errors="replace"):
+                return child
+    raise AssertionError(f"there is no {word}")
 
 
-async def test_pictures_of_the_page_in_six_states(tmp_path: Path) -> None:
+async def test_pictures_of_the_page_in_seven_states(tmp_path: Path) -> None:
     """Saved where GHAL360_PICTURES says, to be looked at; here only that each shows something."""
     folder = os.environ.get("GHAL360_PICTURES", str(tmp_path))
 
@@ -124,6 +122,10 @@ async def test_pictures_of_the_page_in_six_states(tmp_path: Path) -> None:
 
     async with chromium() as browser, page_robot(tmp_path, *SEARCH) as robot:
         tab = await opened(await browser.tab(), robot.url)
+        # As fine as a GPU draws.
+        await tab.evaluate("document.querySelector('a-scene').renderer.setPixelRatio(1)")
+        await tab.until("telepresence.state.target !== null", "the target", 40)
+        await asyncio.sleep(1.0)
         await save("looking", tab)
         await armed(tab)
         await tab.evaluate("document.querySelector('#arrow').click()")
@@ -142,7 +144,15 @@ async def test_pictures_of_the_page_in_six_states(tmp_path: Path) -> None:
         await save("confirm", tab)
         await turning(tab, "w")
         await save("driving", tab)
+        filming = process_of(robot.process.pid, "picture_process")
+        os.kill(filming, signal.SIGSTOP)
+        try:
+            await tab.until("document.querySelector('#banners').innerText.includes('driving is locked')", "the lock")
+            await save("locked", tab)
+        finally:
+            os.kill(filming, signal.SIGCONT)
         await tab.key("up", "w")
+        await tab.until(LIVE, "live again", 20)
         await tab.press("h")
         await tab.press(" ")
         await asyncio.sleep(1.0)

@@ -263,16 +263,16 @@ function kind(image: Picture["image"]): string {
   return image instanceof VideoFrame ? "frame" : image instanceof Planes ? "planes" : "still";
 }
 
-/** A frame of four thin strips around a box of directions. */
+/** A frame of four thin strips around a box of directions; what is in it, however small, stays in sight. */
 function frameOf(box: Box): BufferGeometry {
   const [left, right] = [box.yaw + box.width / 2, box.yaw - box.width / 2];
   const [top, bottom] = [box.pitch + box.height / 2, box.pitch - box.height / 2];
   const t = BOX_WIDTH;
   const strips = [
-    [left, right, top, top - t],
-    [left, right, bottom + t, bottom],
-    [left, left - t, top, bottom],
-    [right + t, right, top, bottom],
+    [left + t, right - t, top + t, top],
+    [left + t, right - t, bottom, bottom - t],
+    [left + t, left, top, bottom],
+    [right, right - t, top, bottom],
   ] as const;
   const places: number[] = [];
   for (const [from, to, high, low] of strips) {
