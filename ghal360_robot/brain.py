@@ -53,6 +53,8 @@ class BrainState:
     target: TargetBelief = TargetBelief()
     online: OnlineState | None = None
     """What is being learned from this operator; None before the first tick, and without a learner."""
+    odometry_since_ns: int | None = None
+    """When the base's odometry began anew, if it did: pictures from before are of directions unknown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +80,7 @@ class Brain:
 
     def step(self, state: BrainState, inputs: Inputs) -> tuple[BrainState, Decision]:
         """One tick."""
-        state = replace(state, trail=state.trail.extended(inputs.base))
+        state, inputs = _follow_base(state, inputs)
         state, seen = self._look(state, inputs)
         gaze = _gaze(state.trail, inputs)
         state = self._follow_head(state, inputs, gaze)
@@ -193,6 +195,17 @@ class Brain:
             points=None if around is None else around.points,
         )
         return replace(state, drive=drive), drive.twist, drive.reasons
+
+
+def _follow_base(state: BrainState, inputs: Inputs) -> tuple[BrainState, Inputs]:
+    """The base's newest pose; where its odometry began anew, whatever is known by its directions is forgotten."""
+    base, found = inputs.base, inputs.detections
+    if base is not None and state.trail.began_anew(base):
+        fresh = BrainState(cue=state.cue, online=state.online, odometry_since_ns=base.stamp_ns)
+        state = replace(fresh, scene=SceneState(stamp_ns=state.scene.stamp_ns))
+    if found is not None and state.odometry_since_ns is not None and found.stamp_ns < state.odometry_since_ns:
+        inputs = replace(inputs, detections=None)
+    return replace(state, trail=state.trail.extended(base)), inputs
 
 
 def _gaze(trail: Trail, inputs: Inputs) -> float:

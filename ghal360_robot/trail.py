@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bisect
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,10 @@ if TYPE_CHECKING:
 
 LENGTH = 100
 """Two seconds at 50 Hz; camera, decoder and detector together take less than one."""
+
+JUMP_M, JUMP_RAD = 0.2, 0.3
+"""Besides what a base can drive and turn in the time between two states: further is no motion but a restart."""
+FASTEST_M_S, FASTEST_RAD_S = 3.0, 6.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +33,14 @@ class Trail:
         if state is None or (self.stamps and state.stamp_ns <= self.stamps[-1]):
             return self
         return Trail((*self.stamps[1 - LENGTH :], state.stamp_ns), (*self.poses[1 - LENGTH :], state.pose))
+
+    def began_anew(self, state: BaseState | None) -> bool:
+        """Whether this newest state continues another odometry: the base was restarted, or its counters were."""
+        if state is None or not self.stamps or state.stamp_ns <= self.stamps[-1]:
+            return False
+        then, now, seconds = self.poses[-1], state.pose, (state.stamp_ns - self.stamps[-1]) / 1e9
+        moved, turned = math.hypot(now.x - then.x, now.y - then.y), abs(wrap(now.yaw - then.yaw))
+        return moved > JUMP_M + FASTEST_M_S * seconds or turned > JUMP_RAD + FASTEST_RAD_S * seconds
 
     def at(self, stamp_ns: int) -> Pose2:
         """The pose at an instant: interpolated inside the trail, its nearest end outside, origin if empty."""

@@ -34,3 +34,14 @@ def test_old_and_repeated_states_change_nothing_and_memory_is_bounded() -> None:
     assert trail.extended(None) is trail
     assert len(trail.stamps) == len(trail.poses) == LENGTH
     assert trail.at(10 * (3 * LENGTH - 1)).x == 3 * LENGTH - 1
+
+
+def test_motion_continues_an_odometry_and_a_leap_begins_another() -> None:
+    second = 1_000_000_000
+    trail = Trail().extended(state(0, 1.0, 0.5))
+    assert not trail.began_anew(state(second // 50, 1.01, 0.52))
+    assert not trail.began_anew(state(second, 2.5, -1.5))
+    assert trail.began_anew(state(second // 50))
+    assert trail.began_anew(state(second // 50, 1.0, 1.2))
+    assert not Trail().began_anew(state(0, 5.0))
+    assert not trail.began_anew(None)

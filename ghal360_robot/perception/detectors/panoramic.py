@@ -90,11 +90,12 @@ class PanoramaDetector:
 
     def _shift(self, rgb: Picture) -> int:
         """Columns to move the picture by, so that the tiles stand still in the world."""
-        period = self.plan.period
-        # Of the ring's equivalent places the nearest to the last one: one tile a turn then goes round as before.
-        self._settled += math.remainder(settled_yaw(rgb, period) - self._settled, period)
-        width = int(rgb.shape[1])
-        return round(self._settled / tau * width) % width
+        settled, width = settled_yaw(rgb, self.plan.period), int(rgb.shape[1])
+        if self.plan.one_a_turn:
+            # Of the ring's equivalent places the nearest to the last one, or a tile would come twice or not at all.
+            settled = self._settled + math.remainder(settled - self._settled, self.plan.period)
+        self._settled = settled
+        return round(settled / tau * width) % width
 
     def _on_sphere(self, tile: Tile, cut: Picture, seen: Boxes, size: PictureSize, turn: float) -> list[TileBox]:
         """Boxes of the picture that was moved, turned back by `turn`."""
