@@ -29,11 +29,13 @@ NEAR = 25
 IN_A_GPU = "Object.defineProperty(VideoFrame.prototype, 'format', { get: () => null });"
 """What a browser says of a picture that it decoded with hardware."""
 
+SHUT = "VideoFrame.prototype.copyTo = () => Promise.reject(new Error('not here'));"
+
 
 @pytest.mark.parametrize(
     ("size", "before"),
-    [((1920, 960), ""), ((3840, 1920), ""), ((1920, 960), IN_A_GPU)],
-    ids=["2k", "4k", "2k from a GPU"],
+    [((1920, 960), ""), ((3840, 1920), ""), ((1920, 960), IN_A_GPU), ((1920, 960), SHUT)],
+    ids=["2k", "4k", "2k from a GPU", "2k as a whole only"],
 )
 async def test_both_modes_of_the_camera_are_shown_in_their_colours(size: tuple[int, int], before: str) -> None:
     async with chromium() as browser, page_stand(size=size) as stand:

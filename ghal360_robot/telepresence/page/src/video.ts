@@ -40,6 +40,8 @@ export class Video {
   private needKey = true;
   /** What waits for the decoder came all at once, as it was meant to. */
   private catchingUp = false;
+  /** Whether this browser lets go of its frames' planes, as far as is known. */
+  private unpacks = true;
   private newest: Picture | undefined;
   private readonly captures = new Map<number, { captureUs: number; width: number; height: number }>();
   private readonly decodedMs: number[] = [];
@@ -170,14 +172,15 @@ export class Video {
     }
     this.captures.delete(sequence);
     this.onDecoded(about.captureUs);
-    if (Planes.fit(frame)) void this.unpack(frame, sequence, about);
+    if (this.unpacks && Planes.fit(frame)) void this.unpack(frame, sequence, about);
     else this.show({ image: frame, sequence, ...about });
   }
 
   private async unpack(frame: VideoFrame, sequence: number, about: About): Promise<void> {
     const decoder = this.decoder;
-    const image = await Planes.of(frame);
-    if (this.decoder === decoder) this.show({ image, sequence, ...about });
+    const image = await Planes.of(frame).catch(() => undefined);
+    if (image === undefined) this.unpacks = false;
+    else if (this.decoder === decoder) this.show({ image, sequence, ...about });
     else image.close(); // of a stream that has ended meanwhile
   }
 
