@@ -33,7 +33,7 @@ $(PAGE)/dist/index.html: $(PAGE)/package-lock.json $(PAGE)/index.html $(wildcard
 		cd $(PAGE) && { [ node_modules/.package-lock.json -nt package-lock.json ] || \
 		npm ci --no-audit --no-fund --ignore-scripts --loglevel=error; } && npm run build --silent
 
-# The whole page in a real Chromium (apt install chromium) on a simulated robot: about ten minutes.
+# The whole page in a real Chromium (apt install chromium) on a simulated robot: four minutes.
 test-page: $(VENV)/.installed page
 	$(BIN)/pytest -m page --timeout=600 tests/end_to_end
 
