@@ -85,7 +85,9 @@ class Flow:
             if operator is not None and self._due(tick, 17.0):
                 recorder.operator(operator)
                 self.sent["operator/command"] += 1
+            around = inputs.surroundings and replace(inputs.surroundings, stamp_ns=now_ns)
             seen = replace(inputs, stamp_ns=now_ns, tick=tick, base=base, scan=scan, operator=operator)
+            seen = replace(seen, surroundings=around)
             recorder.tick(seen, decision, applied, lateness_ms=0.5 + tick % 7 / 10, work_ms=1.0 + tick % 5 / 10)
             self.sent["loop/inputs"] += 1
         self.raw_bytes += sum(map(len, raw))

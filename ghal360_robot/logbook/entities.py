@@ -226,19 +226,19 @@ LOOP_INPUTS = Table(
 )
 """`stamps` of base, scan, detections, operator (-1 for none); `health` bits are alive, rate_ok, valid."""
 
-WORLD_MAP = Table(
-    "world/map",
-    (
-        Column(rr.GridMap.descriptor_data(), BLOB),
-        Column(rr.GridMap.descriptor_format(), IMAGE_FORMAT),
-        Column(rr.GridMap.descriptor_cell_size(), F32),
-        Column(rr.GridMap.descriptor_translation(), vector(3)),
-        Column(rr.GridMap.descriptor_quaternion(), vector(4)),
-        own("Map", "origin", F64),
-        own("Map", "resolution_m", F64),
-    ),
-    direct=True,
+MAP_COLUMNS = (
+    Column(rr.GridMap.descriptor_data(), BLOB),
+    Column(rr.GridMap.descriptor_format(), IMAGE_FORMAT),
+    Column(rr.GridMap.descriptor_cell_size(), F32),
+    Column(rr.GridMap.descriptor_translation(), vector(3)),
+    Column(rr.GridMap.descriptor_quaternion(), vector(4)),
+    own("Map", "origin", F64),
+    own("Map", "resolution_m", F64),
 )
+# Repeated often enough that a part, or a viewer that comes late, is not without one for long.
+MAP_KEEPALIVE_NS = 60_000_000_000
+WORLD_MAP = Table("world/map", MAP_COLUMNS, on_change=True, keepalive_ns=MAP_KEEPALIVE_NS, direct=True)
+SIM_MAP = Table("sim/map", MAP_COLUMNS, on_change=True, keepalive_ns=MAP_KEEPALIVE_NS, direct=True)
 # What follows is drawn for the eye alone, from values that other entities keep exactly.
 THETA_WEDGES = Table(
     "theta/wedges",
@@ -300,6 +300,7 @@ ORDER = (
     WORLD_MAP,
     WORLD_TARGET,
     SIM_TRUTH,
+    SIM_MAP,
     SCENE_WEDGES,
     GUIDANCE_CUE,
     GUIDANCE_Q,

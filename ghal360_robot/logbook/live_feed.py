@@ -128,15 +128,18 @@ class LiveFeed:
             said=self._said[-1] if self._said else "",
         )
 
-    def close(self) -> None:
+    def abandon(self) -> None:
         """Leave viewers and server behind: nobody waits for them."""
         self._closed.set()
         self._waiting.set()
         server = self._server
         if server is not None:
             _kill(server)
+
+    def join(self, timeout_s: float) -> None:
+        """Wait for the thread to have taken in what it abandoned, if there is time for it."""
         if self._thread.is_alive():
-            self._thread.join(KILLED_S)
+            self._thread.join(max(0.0, timeout_s))
 
     def _run(self) -> None:
         wait_s = FIRST_RESTART_S

@@ -232,8 +232,9 @@ class RunReader:
         for row in self.rows("sim/truth"):
             yield Truth(self._stamp(row), Pose2(*row.values["Truth:pose"].tolist()))
 
-    def maps(self) -> Iterator[Map]:
-        for row in self.rows("world/map"):
+    def maps(self, entity: str = "world/map") -> Iterator[Map]:
+        """The floor as the robot came to know it, or, as `sim/map`, as it is in the simulation."""
+        for row in self.rows(entity):
             values = row.values
             shape = values["GridMap:format"][0]
             cells = np.frombuffer(values["GridMap:data"][0], np.uint8).reshape(shape["height"], shape["width"])

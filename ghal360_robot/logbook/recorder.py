@@ -50,8 +50,8 @@ if TYPE_CHECKING:
         Received,
     )
 
-# systemd and the person at the robot both wait for this one.
-CLOSE_TIMEOUT_S = 2.5
+# systemd and the person at the robot both wait for this one, and for the interpreter after it: three seconds in all.
+CLOSE_TIMEOUT_S = 2.0
 
 ROBOT = "robot"
 """Who sets the bookmarks that nobody sets."""
@@ -254,23 +254,35 @@ class Recorder:
         """Where the simulated robot really is, and its target, in the simulated world."""
         self._put("sim/truth", partial(rows.truth, stamp_ns, pose, target))
 
-    def grid_map(self, stamp_ns: int, cells: NDArray[np.uint8], resolution_m: float, origin: Pose2) -> None:
-        """An occupancy map: `cells` (rows, columns) uint8; `origin` is the pose of its lower left corner."""
-        self._put("world/map", partial(rows.grid_map, stamp_ns, cells, resolution_m, origin), cells.nbytes)
+    def true_map(self, stamp_ns: int, cells: NDArray[np.uint8], resolution_m: float, origin: Pose2) -> None:
+        """The floor of the simulated world: `cells` (rows, columns) uint8; `origin` is its lower left corner's pose.
+
+        Once is not enough: every part and every viewer that comes late should have it. Repeats cost nothing.
+        """
+        make = partial(rows.grid_map, entities.SIM_MAP, stamp_ns, cells, resolution_m, origin)
+        self._put("sim/map", make, cells.nbytes)
 
     def text(self, stamp_ns: int, source: str, level: str, text: str) -> None:
         """A line for people, `level` as in Rerun: TRACE, DEBUG, INFO, WARN, ERROR, CRITICAL."""
         self._put(entities.log_table(source).entity, partial(rows.text, stamp_ns, source, level, text), len(text))
 
-    def close(self, timeout_s: float = CLOSE_TIMEOUT_S) -> bool:
-        """Write what waits and end the file properly; False where that did not succeed in time."""
+    def close(self, timeout_s: float | None = None) -> bool:
+        """Write what waits and end the file properly; False where that did not succeed in time.
+
+        Takes `timeout_s` at most (CLOSE_TIMEOUT_S without), the live view's end included: that one is not waited
+        for where time runs out.
+        """
+        timeout_s = CLOSE_TIMEOUT_S if timeout_s is None else timeout_s
+        until_s = time.monotonic() + timeout_s
         self._mailbox.close()
         if self._live is not None:
-            self._live.close()
+            self._live.abandon()
         if not self._writer.stop(timeout_s):
             unregister_shutdown()  # or the interpreter would wait for a disk that does not answer
             return False
         self._write_ending()
+        if self._live is not None:
+            self._live.join(until_s - time.monotonic())
         return self._writer.failed is None
 
     def _prepare(self, folder: Path) -> None:
@@ -285,7 +297,7 @@ class Recorder:
             content = run_folder.read_meta(folder)
             if content and "ended" not in content:
                 with contextlib.suppress(OSError):  # said already: nothing can be written here
-                    run_folder.write_meta(folder, content | ending)
+                    run_folder.write_meta(folder, content | ending, sync=False)
 
     def _put(
         self,

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from ghal360_robot.logbook.table import Table
     from ghal360_robot.messages import (
         Applied,
         BaseState,
@@ -180,7 +181,9 @@ def truth(stamp_ns: int, pose: Pose2, target: tuple[float, float] | None) -> Ite
     yield Row(entities.WORLD_TARGET, stamp_ns, (drawn, [] if target is None else list(target)))
 
 
-def grid_map(stamp_ns: int, cells: NDArray[np.uint8], resolution_m: float, origin: Pose2) -> Iterator[Row]:
+def grid_map(
+    table: Table, stamp_ns: int, cells: NDArray[np.uint8], resolution_m: float, origin: Pose2
+) -> Iterator[Row]:
     """`cells` (rows, columns), row 0 at the top (largest y), as in a map's picture file."""
     if cells.ndim != 2 or cells.dtype != np.uint8:
         raise ValueError(f"a map is a two-dimensional uint8 array, not {cells.dtype} {cells.shape}")
@@ -194,7 +197,7 @@ def grid_map(stamp_ns: int, cells: NDArray[np.uint8], resolution_m: float, origi
     }
     turn = (0.0, 0.0, math.sin(origin.yaw / 2), math.cos(origin.yaw / 2))
     yield Row(
-        entities.WORLD_MAP,
+        table,
         stamp_ns,
         (
             [cells.tobytes()],

@@ -80,13 +80,18 @@ def meta(run: Run, folders: Sequence[Path]) -> dict[str, Any]:
     }
 
 
-def write_meta(folder: Path, content: dict[str, Any]) -> None:
-    """Replace the file as a whole: a power cut leaves the old one or the new one. Raises OSError."""
+def write_meta(folder: Path, content: dict[str, Any], *, sync: bool = True) -> None:
+    """Replace the file as a whole: a power cut leaves the old one or the new one. Raises OSError.
+
+    To `sync` is to wait for all that the disk still owes, which may be seconds' worth of video; without, the old or
+    the new one is left where the file system writes a file out before it takes another's place (ext4, btrfs).
+    """
     beside = folder / f".{META}"
     with beside.open("w", encoding="utf-8") as file:
         file.write(json.dumps(content, indent=2, ensure_ascii=False) + "\n")
-        file.flush()
-        os.fsync(file.fileno())
+        if sync:
+            file.flush()
+            os.fsync(file.fileno())
     beside.replace(folder / META)
 
 

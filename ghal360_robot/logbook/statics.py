@@ -40,6 +40,7 @@ FRAMES = {
     "world/trail": "odom",
     "world/gaze": "theta",
     "sim/truth": "odom",
+    "sim/map": "odom",
 }
 
 SERIES = {

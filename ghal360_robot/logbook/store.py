@@ -112,17 +112,19 @@ class Store:
         self._unconfirmed.clear()
         return True
 
-    def merge(self) -> None:
-        """Write what waits as one chunk for each table."""
-        if not self.is_open:
-            return
+    def merge(self) -> bool:
+        """Write what waits as one chunk for each table. That takes long: the newest is made safe first."""
+        if not self.settle():
+            return False
         for table in sorted(self._pending, key=lambda table: table is entities.LOOP_INPUTS):
             if self._pending[table]:
                 self._part.send(joined(self._pending[table]))
-        if self.settle():
-            self._pending.clear()
-            self._pending_bytes = 0
-            self._part.forget_ahead()
+        if not self.settle():
+            return False
+        self._pending.clear()
+        self._pending_bytes = 0
+        self._part.forget_ahead()
+        return True
 
     def look(self) -> None:
         """Once a second: how the disks are, and whether another one would be better."""
@@ -152,7 +154,8 @@ class Store:
 
     def close(self) -> str | None:
         """Write everything and the footer; why that failed, if it did."""
-        self.merge()
+        if not self.merge():
+            self.merge()  # where the file had died or gone, what waits goes into the next one
         if not self.is_open:
             self._part.close()
             return self.closed_because

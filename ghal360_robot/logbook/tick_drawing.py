@@ -12,6 +12,7 @@ import numpy as np
 
 from ghal360_robot.guidance.egocentric import CLUTTER, N_WEDGES, TARGET, WEDGE_WIDTH, wedge_centre
 from ghal360_robot.logbook import entities, rows
+from ghal360_robot.logbook.floor_drawing import FloorDrawing
 from ghal360_robot.logbook.rows import PICTURE
 from ghal360_robot.logbook.table import Row
 from ghal360_robot.messages import Cue, HeadPose
@@ -50,6 +51,7 @@ class TickRows:
     def __init__(self, mounts: Mapping[str, Mount]) -> None:
         camera = mounts.get("theta")
         self._camera_yaw = 0.0 if camera is None else camera.yaw
+        self._floor = FloorDrawing()
         self._drawn_ns: int | None = None
         self._trail: tuple[float, float] | None = None
 
@@ -57,6 +59,7 @@ class TickRows:
         self, inputs: Inputs, decision: Decision, applied: Applied, lateness_ms: float, work_ms: float
     ) -> Iterator[Row]:
         yield from rows.tick(inputs, decision, applied, lateness_ms, work_ms)
+        yield from self._floor.rows(inputs)
         if self._drawn_ns is None or inputs.stamp_ns - self._drawn_ns >= DRAW_NS:
             self._drawn_ns = inputs.stamp_ns
             yield from self._drawing(inputs, decision)

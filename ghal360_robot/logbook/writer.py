@@ -30,13 +30,15 @@ BACKLOG = 300
 HURRY_S = 0.005
 
 # A killed process loses what is not settled: this long, and the way there.
-SETTLE_PERIOD_S = 0.1
+SETTLE_PERIOD_S = 0.05
 
 # A chunk costs about 1.1 kB beside its rows, and there are twenty of them; until then rows are in the log ahead.
 MERGE_PERIOD_S = 5.0
 
-# Other threads may run between two tables.
+# Other threads may run between two tables. Where other processes want the machine, coming back from each of these
+# breaths takes long: so much in all, and the rest goes without, or a killed process would lose what waits here.
 BREATH_S = 0.0005
+BREATHS_S = 0.02
 
 LOOK_PERIOD_S = 1.0
 
@@ -128,6 +130,7 @@ class Writer:
         live = self._live
         if live is not None and live.wants_everything_anew():
             self.batches.begin_anew()
+        breathe_until = time.monotonic() + BREATHS_S
         for table, batch in self.batches.take():
             try:
                 self.store.put(table, batch)
@@ -135,7 +138,7 @@ class Writer:
                     live.offer(table, batch)
             except BAD_ROW as error:
                 self.batches.fail(table.entity, error, batch.num_rows)
-            if not self._stop.is_set():
+            if not self._stop.is_set() and time.monotonic() < breathe_until:
                 time.sleep(BREATH_S)
 
     def _finish(self) -> None:

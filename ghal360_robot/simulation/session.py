@@ -32,6 +32,10 @@ END_S = 5.0
 """The hardware process ends by itself when its link closes; longer than this it is killed."""
 
 
+MAP_NS = 10_000_000_000
+"""How often the recorder is given the map, of which it writes what is new to the part."""
+
+
 class SimulationError(GhalError):
     """The simulated hardware could not start, or died."""
 
@@ -66,17 +70,16 @@ class SimulatedHardware:
         world = self._world
         target = world.target_object()
         there = in_odometry(world.start, Pose2(target.x, target.y))
-        cells = occupancy(world)
-        mapped = False
+        cells, corner = occupancy(world), in_odometry(world.start, Pose2())
+        mapped_ns = -MAP_NS
 
         def record(truth: Truth) -> None:
-            nonlocal mapped
+            nonlocal mapped_ns
             if not robot.started.is_set():
                 return
-            if not mapped:
-                mapped = True
-                corner = in_odometry(world.start, Pose2())
-                robot.recorder.grid_map(truth.stamp_ns, cells, RESOLUTION_M, corner)
+            if truth.stamp_ns - mapped_ns >= MAP_NS:
+                mapped_ns = truth.stamp_ns
+                robot.recorder.true_map(truth.stamp_ns, cells, RESOLUTION_M, corner)
             pose = in_odometry(world.start, truth.body.pose)
             robot.recorder.truth(truth.stamp_ns, pose, (there.x, there.y))
 

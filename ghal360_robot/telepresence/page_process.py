@@ -22,9 +22,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ghal360_robot.errors import GhalError
+from ghal360_robot.floor_map import FloorMap
 from ghal360_robot.telepresence import link
 from ghal360_robot.telepresence.access import Sessions, load_tokens
-from ghal360_robot.telepresence.floor_map import FloorMap
 from ghal360_robot.telepresence.hub import Hub
 from ghal360_robot.telepresence.protocol import Floor
 from ghal360_robot.telepresence.server import NOT_BUILT, PageServer

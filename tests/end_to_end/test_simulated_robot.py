@@ -37,7 +37,7 @@ ENTITIES = {
     "theta/video", "theta/objects", "lidar/scan", "lidar/raw", "base/state", "can/rx", "can/tx", "tf/base",
     "operator/head", "operator/command", "scene/wedges", "guidance/cue", "guidance/q", "intent/belief", "cmd/wanted",
     "cmd/applied", "state/arm", "state/theta", "state/tim571", "state/rmp110", "loop/timing", "loop/inputs",
-    "sim/truth", "world/map", "world/target",
+    "sim/truth", "sim/map", "world/map", "world/target",
 }  # fmt: skip
 
 

@@ -20,6 +20,14 @@ def strict_rerun() -> Iterator[None]:
     rr.set_strict_mode(False)
 
 
+@pytest.fixture(autouse=True, scope="session")
+def patience() -> Iterator[None]:
+    """What the robot gives up for the sake of a quick end is written here, however busy the machine is."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("ghal360_robot.logbook.recorder.CLOSE_TIMEOUT_S", 60.0)
+        yield
+
+
 @pytest.fixture
 def recorder(tmp_path: Path) -> Iterator[Recorder]:
     recording = Recorder(tmp_path, properties={"robot": "test"}, config_json='name = "test"\n')

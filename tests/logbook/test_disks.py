@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import time
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -55,11 +54,18 @@ def feed(recorder: Recorder, first: int, count: int) -> None:
 
 
 def settled(recorder: Recorder) -> None:
-    written = recorder.stats.written
     robot.wait_for(lambda: recorder.stats.queued == 0)
-    recorder.text(T0, "test", "INFO", f"after {written}")
-    robot.wait_for(lambda: recorder.stats.written > written)
-    time.sleep(0.15)  # one more turn of the writer's, after the one that wrote
+    for _turn in ("the one that took it", "one that writes it", "and one after it"):
+        spent = recorder.stats.writer_cpu_s  # told at the end of every turn of the writer's
+        robot.wait_for(lambda spent=spent: recorder.stats.writer_cpu_s != spent)  # type: ignore[misc]
+
+
+def begun(tmp_path: Path) -> Recorder:
+    """A recorder with two groups safely in its file."""
+    recorder = Recorder(tmp_path, properties={}, config_json="", settings=RecorderSettings(watermarks=MARKS))
+    feed(recorder, 0, 10)
+    settled(recorder)
+    return recorder
 
 
 @given(st.integers(0, 200), st.sampled_from(Level))
@@ -76,9 +82,7 @@ def test_less_room_is_never_a_better_level_and_leaving_a_level_takes_more_than_e
 def test_below_the_second_mark_video_stays_away_and_comes_back_with_the_half_minute_before(
     tmp_path: Path, disks: FakeDisks
 ) -> None:
-    recorder = Recorder(tmp_path, properties={}, config_json="", settings=RecorderSettings(watermarks=MARKS))
-    feed(recorder, 0, 10)
-    settled(recorder)
+    recorder = begun(tmp_path)
     disks.default = 40
     robot.wait_for(lambda: bool(recorder.stats.not_recorded))
     assert "video is not recorded: only 0 MB left" in recorder.stats.not_recorded[0]
@@ -99,9 +103,7 @@ def test_below_the_second_mark_video_stays_away_and_comes_back_with_the_half_min
 def test_below_the_last_mark_the_file_is_ended_and_everything_is_kept_until_there_is_room(
     tmp_path: Path, disks: FakeDisks
 ) -> None:
-    recorder = Recorder(tmp_path, properties={}, config_json="", settings=RecorderSettings(watermarks=MARKS))
-    feed(recorder, 0, 10)
-    settled(recorder)
+    recorder = begun(tmp_path)
     disks.default = 5
     robot.wait_for(lambda: recorder.stats.failed is not None)
     assert "nothing is recorded: only 0 MB left" in recorder.stats.not_recorded[0]
@@ -140,10 +142,18 @@ def test_a_recording_goes_on_in_the_second_place_and_is_read_as_one(tmp_path: Pa
     assert json.loads((second / "meta.json").read_text())["rows"]["dropped_video"] == 0
 
 
+def test_a_folder_removed_at_the_last_moment_costs_no_row_either(tmp_path: Path) -> None:
+    recorder = begun(tmp_path)
+    feed(recorder, 10, 10)
+    shutil.rmtree(recorder.folder)
+    assert recorder.close()
+    with RunReader(recorder.folder) as reader:
+        assert [unit.sequence for unit in reader.access_units()] == list(range(20))
+        assert [t.data for t in reader.telegrams()] == [b"telegram %d" % k for k in range(20)]
+
+
 def test_a_folder_removed_under_the_recorders_hands_is_put_back_with_all_its_rows(tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path, properties={}, config_json="", settings=RecorderSettings(watermarks=MARKS))
-    feed(recorder, 0, 10)
-    settled(recorder)
+    recorder = begun(tmp_path)
     shutil.rmtree(recorder.folder)
     feed(recorder, 10, 10)
     robot.wait_for(lambda: recorder.stats.part == "part-001.rrd")

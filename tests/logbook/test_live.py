@@ -21,7 +21,7 @@ from ghal360_robot.logbook.recorder import Recorder
 from ghal360_robot.logbook.settings import LiveSettings
 from ghal360_robot.simulation.encoder import ThetaEncoder
 from tests.logbook import robot
-from tests.logbook.test_trouble import other, video
+from tests.logbook.test_trouble import BUSY_S, other, video
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -123,8 +123,8 @@ def test_a_frozen_server_costs_nothing_and_the_end_does_not_wait_for_it(live: tu
     robot.wait_for(lambda: recorder.stats.live is not None and recorder.stats.live.dropped_video > 0, UP_S)
     begin = time.monotonic()
     assert recorder.close()
-    assert time.monotonic() - begin < 3.0
-    assert longest < 0.5
+    assert time.monotonic() - begin < BUSY_S
+    assert longest < BUSY_S
     with RunReader(recorder.folder) as reader:
         assert [unit.sequence for unit in reader.access_units()] == list(range(600))
 

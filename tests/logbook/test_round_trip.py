@@ -158,13 +158,13 @@ def test_links_truth_maps_and_texts_come_back_equal(recorder: Recorder) -> None:
         recorder.link("tim571", stats)
     recorder.truth(T0, Pose2(1 / 3, 2, 3), (4.5, 5))
     cells = np.arange(12, dtype=np.uint8).reshape(3, 4)
-    recorder.grid_map(T0, cells, 1 / 30, Pose2(-1 / 3, 2, 0.1))
+    recorder.true_map(T0, cells, 1 / 30, Pose2(-1 / 3, 2, 0.1))
     recorder.text(T0, "loop", "INFO", "ändert nichts")
     recorder.close()
     with RunReader(recorder.folder) as reader:
         assert [link.stats for link in reader.links()] == links
         assert [truth.pose for truth in reader.truths()] == [Pose2(1 / 3, 2, 3)]
-        (got,) = reader.maps()
+        (got,) = reader.maps("sim/map")
         np.testing.assert_array_equal(got.cells, cells)
         assert (got.resolution_m, got.origin) == (1 / 30, Pose2(-1 / 3, 2, 0.1))
         (text,) = reader.texts()

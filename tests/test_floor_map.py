@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from ghal360_robot.telepresence.floor_map import (
+from ghal360_robot.floor_map import (
     CELLS,
     FREE_GREY,
     MAX_PATH,
@@ -59,6 +59,15 @@ def test_a_beam_that_saw_nothing_says_nothing() -> None:
     floor = FloorMap()
     look(floor, (0.0, 0.0, 0.0), 0.0)
     assert grey(floor, 2.0, 0.0) == UNKNOWN_GREY
+
+
+def test_odometry_that_begins_anew_begins_a_new_map() -> None:
+    floor = FloorMap()
+    look(floor, (5.0, 0.0, 0.0))
+    look(floor, (0.0, 0.0, math.pi))
+    assert grey(floor, 7.0, 0.0) == UNKNOWN_GREY
+    assert grey(floor, -2.0, 0.0) == FREE_GREY
+    assert floor.path == [(0.0, 0.0)]
 
 
 def test_the_map_goes_along_with_the_robot() -> None:

@@ -21,6 +21,9 @@ HIT, MISS, LIMIT = 3, -1, 20
 """Evidence of one scan, and the most that is remembered: what has gone is forgotten within two seconds."""
 
 MAX_M = 12.0
+JUMP_M = 1.0
+"""Nobody drives so far between two scans: the odometry has begun anew, and nothing is where it was."""
+
 PATH_M = 0.2
 MAX_PATH = 500
 
@@ -28,11 +31,12 @@ FREE_GREY, UNKNOWN_GREY, OCCUPIED_GREY = 254, 205, 0
 
 
 class FloorMap:
-    """`add` scans at their poses; `png` is what the page draws."""
+    """`add` scans at their poses; `cells` and `png` are what can be drawn."""
 
     def __init__(self) -> None:
         self._evidence = np.zeros((CELLS, CELLS), np.int8)
         self._corner = (-CELLS * RESOLUTION_M / 2, -CELLS * RESOLUTION_M / 2)
+        self._last: tuple[float, float] | None = None
         self.path: list[tuple[float, float]] = []
 
     def add(self, pose: tuple[float, float, float], yaws: NDArray[np.float64], ranges: NDArray[np.float64]) -> None:
@@ -40,6 +44,9 @@ class FloorMap:
         x, y, yaw = pose
         if not all(map(math.isfinite, pose)):
             return
+        if self._last is not None and math.dist(self._last, (x, y)) > JUMP_M:
+            self._forget()
+        self._last = (x, y)
         self._follow(x, y)
         seen = ranges > 0.0
         reach = np.minimum(ranges, MAX_M)
@@ -57,22 +64,27 @@ class FloorMap:
             self.path.append((round(x, 2), round(y, 2)))
             del self.path[:-MAX_PATH]
 
-    def forget(self) -> None:
-        """The odometry has begun anew: nothing of this is where it was."""
-        self.__init__()  # type: ignore[misc]
-
     @property
     def corner(self) -> tuple[float, float]:
         """Lower left, metres."""
         return self._corner
 
-    def png(self) -> str:
-        """Base64 of a grey picture, row 0 at the largest y."""
+    def cells(self) -> NDArray[np.uint8]:
+        """Grey values (CELLS, CELLS), row 0 at the largest y."""
         picture = np.full((CELLS, CELLS), UNKNOWN_GREY, np.uint8)
         picture[self._evidence < -1] = FREE_GREY
         picture[self._evidence > 1] = OCCUPIED_GREY
-        _, data = cv2.imencode(".png", picture[::-1])
+        return picture[::-1]
+
+    def png(self) -> str:
+        """`cells` as a picture in base64."""
+        _, data = cv2.imencode(".png", self.cells())
         return base64.b64encode(data.tobytes()).decode("ascii")
+
+    def _forget(self) -> None:
+        self._evidence[:] = 0
+        self._corner = (-CELLS * RESOLUTION_M / 2, -CELLS * RESOLUTION_M / 2)
+        self.path.clear()
 
     def _cells(self, values: NDArray[np.float64], axis: int) -> NDArray[np.intp]:
         cells = np.floor((values - self._corner[axis]) / RESOLUTION_M).astype(np.intp)
