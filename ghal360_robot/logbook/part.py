@@ -9,10 +9,12 @@ import time
 from typing import TYPE_CHECKING
 
 import rerun as rr
+from rerun import unregister_shutdown
 
 from ghal360_robot.logbook.blueprint import operator_blueprint
 from ghal360_robot.logbook.encoding import chunk, identified
 from ghal360_robot.logbook.errors import RecordingNotWritableError
+from ghal360_robot.logbook.flusher import Flusher
 from ghal360_robot.logbook.statics import log_statics
 from ghal360_robot.logbook.wal import SUFFIX, WriteAheadLog
 
@@ -29,21 +31,14 @@ if TYPE_CHECKING:
 FLUSH_TICK_S = 0.2
 FLUSH_BYTES = 32 << 20
 
-# A healthy writer answers a flush in about a millisecond; a slow disk may take longer, a dead one raises.
-PROBE_TIMEOUT_S = 0.5
-
 
 class PartFile:
     """Writes `part-NNN.rrd` and its log. Owned by the writer's thread once constructed."""
 
     def __init__(self, application_id: str, run: Run) -> None:
+        self._application_id = application_id
         self._run = run
-        self._stream = rr.RecordingStream(
-            application_id,
-            recording_id=run.run_id,
-            send_properties=False,
-            batcher_config=rr.ChunkBatcherConfig(flush_tick=FLUSH_TICK_S, flush_num_bytes=FLUSH_BYTES),
-        )
+        self._begin_stream()
         self.number = -1
         self.path: Path
         self.opened_s = 0.0
@@ -60,12 +55,13 @@ class PartFile:
         number = self.number + 1
         path = folder / f"part-{number:03d}.rrd"
         wal: WriteAheadLog | None = None
+        if self._flusher.stuck:
+            unregister_shutdown()  # or the interpreter would wait for what never ends
+            self._begin_stream()
         try:
             folder.mkdir(parents=True, exist_ok=True)
             wal = WriteAheadLog(path.with_suffix(SUFFIX))
-            self._stream.save(path, default_blueprint=operator_blueprint())
-            log_statics(self._stream, self._run)
-            self._stream.flush(timeout_sec=PROBE_TIMEOUT_S)
+            self._begin_file(path)
             held = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
         except (RuntimeError, OSError, ValueError) as error:
             if wal is not None:
@@ -100,13 +96,12 @@ class PartFile:
 
     def death(self) -> str | None:
         """Push everything to the operating system; why the file's writer is gone, if it is."""
-        try:
-            self._stream.flush(timeout_sec=PROBE_TIMEOUT_S)
-        except (RuntimeError, ValueError) as error:
-            reason = str(error)
-            slow = "timed out" in reason.lower() or "timeout" in reason.lower()
-            return None if slow else reason
-        return None
+        return self._flusher.flush()
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether everything sent before the last `death` has reached the operating system."""
+        return not self._flusher.pending
 
     @property
     def size(self) -> int:
@@ -127,18 +122,42 @@ class PartFile:
 
     def end(self) -> None:
         """Finish the current part and write nowhere until the next is opened."""
-        self._stream.disconnect()
+        self._disconnect()
         self._let_go()
 
     def close(self) -> str | None:
         """Write the footer; why that failed, if it did. The log stays where its rows have not all arrived."""
         reason = self.death()
-        self._stream.disconnect()
+        self._disconnect()
+        self._flusher.close()
         if self._wal is not None:
             self._wal.close(remove=reason is None)
             self._wal = None
         self._let_go()
         return reason
+
+    def _begin_file(self, path: Path) -> None:
+        """Raises OSError, RuntimeError or ValueError where it takes nothing."""
+        self._stream.save(path, default_blueprint=operator_blueprint())
+        log_statics(self._stream, self._run)
+        reason = self._flusher.flush()
+        if reason is not None or self._flusher.pending:
+            raise OSError(reason or "the disk does not answer")
+
+    def _begin_stream(self) -> None:
+        self._stream = rr.RecordingStream(
+            self._application_id,
+            recording_id=self._run.run_id,
+            send_properties=False,
+            batcher_config=rr.ChunkBatcherConfig(flush_tick=FLUSH_TICK_S, flush_num_bytes=FLUSH_BYTES),
+        )
+        self._flusher = Flusher(self._stream)
+
+    def _disconnect(self) -> None:
+        if self._flusher.stuck:
+            unregister_shutdown()
+        else:
+            self._stream.disconnect()
 
     def _let_go(self) -> None:
         if self._held is not None:

@@ -109,7 +109,8 @@ class Store:
             self._restore()
             return False
         self._ahead.clear()
-        self._unconfirmed.clear()
+        if self._part.confirmed:
+            self._unconfirmed.clear()
         return True
 
     def merge(self) -> bool:
@@ -121,9 +122,10 @@ class Store:
                 self._part.send(joined(self._pending[table]))
         if not self.settle():
             return False
-        self._pending.clear()
-        self._pending_bytes = 0
-        self._part.forget_ahead()
+        if self._part.confirmed:  # or it is written again the next time: rows found twice are known by their ids
+            self._pending.clear()
+            self._pending_bytes = 0
+            self._part.forget_ahead()
         return True
 
     def look(self) -> None:
