@@ -165,7 +165,7 @@ def _taken_in(memory: Memory, around: Surroundings, turning: float, limits: Safe
     if not past or stamp_ns - past[-1].stamp_ns >= PAST_NS:
         past = (*past[1 - PAST :], seen)
     looks = (*memory.looks[1 - LOOKS :], seen)
-    someone_ns = stamp_ns if sure else memory.someone_ns
+    someone_ns = stamp_ns if crowd.about(sure, stamp_ns) else memory.someone_ns
     return Memory(memory.trail, looks, past, memory.people, memory.driven, scene, unsorted, someone_ns)
 
 
@@ -178,11 +178,12 @@ def _sorted_on(memory: Memory, limits: SafetyLimits) -> Memory:
     if moved is None:
         moved = crowd.moving(crowd.compared(memory.looks, stamp_ns), points, beam, unsorted.turning)
         return replace(memory, unsorted=replace(unsorted, moved=moved))
-    people = crowd.follow(memory.people, points, moved, beam, stamp_ns, limits.person_memory_s)
+    scan = memory.looks[-1:]
+    people = crowd.follow(memory.people, points, moved, beam, stamp_ns, limits.person_memory_s, scan)
     sure = [person for person in people if person.confirmed]
     parts = _parts(scene.points[: scene.resting], points, sure, stamp_ns)
     scene = Scene(stamp_ns, *parts, scene.fault, scene.blind_ahead, scene.silent_ahead)
-    someone_ns = stamp_ns if sure else memory.someone_ns
+    someone_ns = stamp_ns if crowd.about(sure, stamp_ns) else memory.someone_ns
     return replace(memory, people=people, scene=scene, unsorted=None, someone_ns=someone_ns)
 
 

@@ -47,7 +47,8 @@ REST_NS = 1_000_000_000
 """Who was not seen moving for so long has stopped for the moment: a step takes half of it."""
 
 GONE_NS = 1_500_000_000
-"""Nothing left where it was for so long: it went out of sight."""
+"""Nothing where it was for so long, and the place is seen to be free: it walked off. Who is merely out of sight, behind
+the robot or a corner, may stand there still, and is no furniture when they come into sight again."""
 
 CHANCE_NS = 500_000_000
 """What was seen moving only once is forgotten after this."""
@@ -124,8 +125,9 @@ def follow(
     beam: NDArray[np.intp],
     stamp_ns: int,
     memory_s: float,
+    scan: Sequence[Look] = (),
 ) -> tuple[Person, ...]:
-    """People after one more scan: those seen moving now, and those remembered."""
+    """People after one more scan: those seen moving now, and those remembered. `scan` is itself, one or none."""
     if not people and not moved.any():
         return ()
     there = np.asarray(near(points, people).any(axis=0)).tolist()
@@ -143,7 +145,7 @@ def follow(
             continue  # the other leg
         times = min(before.times + (before.moved_ns != stamp_ns), CONFIRMED)
         followed[which] = Person(x, y, stamp_ns, stamp_ns, times)
-    kept = [person for person in followed if not _forgotten(person, stamp_ns, memory_s)]
+    kept = _without_gone([p for p in followed if not _forgotten(p, stamp_ns, memory_s)], stamp_ns, scan)
     return tuple(sorted(kept, key=lambda person: -person.moved_ns)[:MOST])
 
 
@@ -175,4 +177,18 @@ def _nearest(people: Sequence[Person], x: float, y: float) -> int | None:
 def _forgotten(person: Person, now_ns: int, memory_s: float) -> bool:
     if not person.confirmed:
         return now_ns - person.moved_ns > CHANCE_NS
-    return now_ns - person.moved_ns > memory_s * 1e9 or now_ns - person.there_ns > GONE_NS
+    return now_ns - person.moved_ns > memory_s * 1e9
+
+
+def about(people: Sequence[Person], now_ns: int) -> bool:
+    """Whether anybody is known to be there, and was a moment ago."""
+    return any(person.confirmed and now_ns - person.there_ns <= GONE_NS for person in people)
+
+
+def _without_gone(people: list[Person], now_ns: int, scan: Sequence[Look]) -> list[Person]:
+    missed = [person for person in people if now_ns - person.there_ns > GONE_NS]
+    if not missed:
+        return people
+    free = np.asarray(seen_free(scan, np.array([(person.x, person.y) for person in missed])).any(axis=0)).tolist()
+    gone = [person for person, empty in zip(missed, free, strict=True) if empty]
+    return [person for person in people if person not in gone]

@@ -11,8 +11,8 @@ import pytest
 from ghal360_robot.messages import BaseMode, BaseState, Inputs, Pose2, Twist
 from ghal360_robot.safety.limits import SafetyLimits
 from ghal360_robot.safety.memory import Memory, remember
-from ghal360_robot.safety.people import Person, compared, follow, moving, near, things
-from ghal360_robot.safety.sight import look
+from ghal360_robot.safety.people import Person, about, compared, follow, moving, near, things
+from ghal360_robot.safety.sight import Look, look
 from ghal360_robot.simulation.plant import advance
 from tests.safety.conftest import FRESH, YAW, around, circles_ranges, scan
 
@@ -158,13 +158,54 @@ def test_memory_of_who_stands_for_long_fades() -> None:
     beam = np.arange(6)
     assert follow((person,), at, still, beam, 10_000_000_000, 10.0) == (Person(1.0, 0.0, 0, 10_000_000_000, 2),)
     assert follow((person,), at, still, beam, 10_000_000_001, 10.0) == ()
-    assert follow((person,), at[:0], still[:0], beam[:0], 1_500_000_000, 10.0) == (person,)
-    assert follow((person,), at[:0], still[:0], beam[:0], 1_500_000_001, 10.0) == ()
     late = Person(1.0, 0.0, 100_000_000_000, 100_000_000_000, 2)
     assert follow((late,), at, still, beam, 105_000_000_000, 10.0) != ()
     once = Person(1.0, 0.0, 0, 0, 1)
     assert follow((once,), at, still, beam, 500_000_000, 10.0) != ()
     assert follow((once,), at, still, beam, 500_000_001, 10.0) == ()
+
+
+FREE, WALL = (look(around(scan(np.full(len(YAW), far), 1)), Pose2(), 0.0) for far in (3.0, 0.8))
+
+
+@pytest.mark.parametrize(
+    ("bearing", "seen", "gone"),
+    [(0.0, (FREE,), True), (0.0, (WALL,), False), (0.0, (), False), (math.pi, (FREE,), False)],
+    ids=["seen to be free", "behind something", "no scan", "behind the robot"],
+)
+def test_who_is_not_where_they_were_is_gone_only_if_the_place_is_seen_to_be_free(
+    bearing: float, seen: tuple[Look, ...], gone: bool
+) -> None:
+    person = Person(1.5 * math.cos(bearing), 1.5 * math.sin(bearing), 0, 0, 2)
+    nothing = np.zeros((0, 2)), np.zeros(0, bool), np.zeros(0, np.intp)
+    assert follow((person,), *nothing, 1_500_000_000, 10.0, seen) == (person,)
+    assert follow((person,), *nothing, 1_500_000_001, 10.0, seen) == (() if gone else (person,))
+    assert follow((person,), *nothing, 10_000_000_001, 10.0, seen) == ()
+
+
+def test_somebody_is_about_until_they_were_missed_for_a_moment() -> None:
+    assert about((Person(1.0, 0.0, 0, 0, 2),), 1_500_000_000)
+    assert not about((Person(1.0, 0.0, 0, 0, 2),), 1_500_000_001)
+    assert not about((Person(1.0, 0.0, 0, 0, 1),), 0)
+
+
+def test_who_was_behind_the_robot_is_known_again_when_it_turns() -> None:
+    legs = legs_from(1.5, 2.4, 0.3, -0.6, 0.0)
+    walk = Walk(6, room(np.random.default_rng(7)), lambda now_s: legs(min(now_s, 3.5)), Twist())
+    while walk.now_ns < 5e9:
+        walk.step()
+    assert confirmed(walk.memory)
+    turned_s = 0.0
+    hidden = known = 0
+    while turned_s < 1.8 * math.pi:
+        memory = walk.step(Twist(0.0, 1.0))
+        turned_s += SCAN_NS / 1e9
+        assert memory.scene is not None
+        seen = memory.scene.walking > memory.scene.resting
+        hidden += not seen
+        known += seen and hidden > 22
+    assert hidden > 22, "they were out of sight for longer than it takes to be gone"
+    assert known > 10
 
 
 def test_somebody_is_confirmed_by_a_second_scan_and_not_by_their_second_leg() -> None:
