@@ -22,6 +22,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import av
 import cv2
@@ -57,7 +58,7 @@ from ghal360_robot.perception.wedges import Scene, SceneState, scene, step_scene
 from ghal360_robot.simulation.encoder import ThetaEncoder
 from ghal360_robot.simulation.placement import ROBOT_RADIUS_M
 from ghal360_robot.simulation.raycast import Shapes
-from ghal360_robot.simulation.recall_table import Row, as_text, config_hash
+from ghal360_robot.simulation.recall_table import Row, as_text, config_hash, within
 from ghal360_robot.simulation.renderer import PanoramaRenderer
 from ghal360_robot.simulation.rooms import CEILING_M
 from ghal360_robot.simulation.world import CAMERA_HEIGHT_M, LAYOUTS, TARGETS, World, WorldObject, build_world
@@ -283,14 +284,11 @@ def measure(
     return [tallies[key].row(*key) for key in order]
 
 
-def accepted(rows: list[Row]) -> dict[str, dict[str, float]]:
+def accepted(rows: list[Row]) -> dict[str, dict[str, Any]]:
     """Share of views within each class's limit after which the thing is believed, by detector and class."""
-    shares: dict[str, dict[str, float]] = {}
+    shares: dict[str, dict[str, Any]] = {}
     for detector, name in dict.fromkeys((row.detector, row.name) for row in rows):
-        near = [row for row in rows if (row.detector, row.name, row.world) == (detector, name, "all")]
-        near = [row for row in near if row.far_m <= LIMIT_M[name]]
-        views_made = sum(row.views for row in near)
-        shares.setdefault(detector, {})[name] = round(sum(row.fused * row.views for row in near) / views_made, 3)
+        shares.setdefault(detector, {})[name] = within(rows, detector, name, LIMIT_M[name]).to_json()
     return shares
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -32,6 +33,38 @@ class Row:
     """Share of the views in which it was believed to be there after 2 s."""
     score: float
     """Mean score where it was reported; 0 where it never was."""
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """How many of how many."""
+
+    found: int
+    of: int
+
+    @property
+    def share(self) -> float:
+        return self.found / self.of if self.of else 0.0
+
+    def interval(self, z: float = 1.96) -> tuple[float, float]:
+        """Wilson's interval for the chance behind it, 95 % unless another quantile is given."""
+        if not self.of:
+            return 0.0, 1.0
+        n, p = self.of, self.share
+        middle, half = p + z * z / (2 * n), z * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+        scale = 1 + z * z / n
+        return max(0.0, (middle - half) / scale), min(1.0, (middle + half) / scale)
+
+    def to_json(self) -> dict[str, Any]:
+        low, high = self.interval()
+        return {"share": round(self.share, 3), "views": self.of, "interval": [round(low, 3), round(high, 3)]}
+
+
+def within(rows: Sequence[Row], detector: str, name: str, limit_m: float) -> Share:
+    """Views in both worlds from no farther than this, and after how many of them the thing was believed in."""
+    near = [row for row in rows if (row.detector, row.name, row.world) == (detector, name, "all")]
+    near = [row for row in near if row.far_m <= limit_m]
+    return Share(sum(round(row.fused * row.views) for row in near), sum(row.views for row in near))
 
 
 @dataclass(frozen=True, slots=True)
