@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from ghal360_robot.bench.browser import Tab
 
-pytestmark = pytest.mark.skipif(bool(WHY_NOT), reason=WHY_NOT)
+pytestmark = [pytest.mark.alone, pytest.mark.skipif(bool(WHY_NOT), reason=WHY_NOT)]
 
 SIZE = PictureSize(1920, 960)
 WALLS = {0.0: "red", 90.0: "green", 180.0: "blue", -90.0: "yellow"}
