@@ -24,6 +24,7 @@ RUNS, PER_RUN = 5, 200
 """The paper's 1,000 trials per point in five runs."""
 BEYOND_PER_RUN = 40
 STACK_TRIALS = 60
+RENDERED_RUNS = 1
 TABLE_WIDTH = 140
 
 
@@ -35,6 +36,13 @@ def evaluate(
     stack: Annotated[
         bool, typer.Option("--stack", help="The same searches through brain, safety chain and simulated robot; minutes")
     ] = False,
+    rendered: Annotated[
+        str | None,
+        typer.Option(
+            metavar="DETECTOR",
+            help="With --stack: rendered pictures, and what searches them, e.g. painted or centernet",
+        ),
+    ] = None,
     environment: Annotated[
         list[str] | None,
         typer.Option(help="open-N, rooms-N, office-N[-target], home-N[-target], a file or a run's folder; repeatable"),
@@ -45,13 +53,19 @@ def evaluate(
     policy: Annotated[Path | None, typer.Option(help="A saved policy for RLGS and GHAL360 instead of the plan")] = None,
     runs: Annotated[int, typer.Option(help="Runs with seeds 0, 1 ...", min=1, max=1000)] = RUNS,
     trials: Annotated[
-        int | None, typer.Option(help="Trials per run, target and distance; with --stack in all", min=1, max=100_000)
+        int | None,
+        typer.Option(
+            help="Trials per run, target and distance; with --stack in all, on rendered pictures per distance",
+            min=1,
+            max=100_000,
+        ),
     ] = None,
     jobs: Annotated[int | None, typer.Option(help="Processes; as many as there are cores unless given", min=1)] = None,
     out: Annotated[Path, typer.Option(help="Folder of the results; an interrupted evaluation goes on")] = Path(
         "runs/evaluate"
     ),
     fresh: Annotated[bool, typer.Option("--fresh", help="Do not use what an earlier evaluation kept")] = False,
+    *,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object on the last line of stdout")] = False,
 ) -> None:
     """Search for targets, five systems trial by trial from the same starts with the same luck.
@@ -66,8 +80,10 @@ def evaluate(
         raise UsageError("choose one of --paper, --beyond and --stack")
     jobs, keep_in = jobs or default_jobs(), None if fresh else out / "kept"
     console = Console(stderr=True, quiet=as_json)
+    if rendered is not None and (not stack or rendered in {"none", "ideal"}):
+        raise UsageError("--rendered goes with --stack, and names a detector of pictures such as painted or centernet")
     if stack:
-        _stack(trials or STACK_TRIALS, jobs, out, keep_in, console, as_json=as_json)
+        _stack(trials, rendered, jobs, out, keep_in, console, as_json=as_json)
         return
     kind = "beyond" if beyond else "paper"
     rows = _rows(kind, environment or [], option or [])
@@ -143,6 +159,7 @@ def _paper_head(rows: dict[str, Any]) -> dict[str, Any]:
         "mean_time_s": {n: {d: s["mean_time_s"] for d, s in r["by_distance"].items()} for n, r in f1.items()},
         "mean_time_se_s": {n: {d: s["mean_time_se_s"] for d, s in r["by_distance"].items()} for n, r in f1.items()},
         "paper_accuracy": said.ACCURACY,
+        "paper_range": {name: list(ends) for name, ends in said.RANGES.items()},
         "difference": {name: round(accuracy[name] - value, 4) for name, value in said.ACCURACY.items()},
         "reference_accuracy": said.REFERENCE,
         "why": [" ".join(sentence.split()) for sentence in said.WHY],
@@ -182,23 +199,35 @@ def _noisy(keep_in: Path | None, jobs: int) -> list[dict[str, Any]]:
     return results
 
 
-def _stack(trials: int, jobs: int, out: Path, keep_in: Path | None, console: Console, *, as_json: bool) -> None:
+def _stack(
+    trials: int | None,
+    detector: str | None,
+    jobs: int,
+    out: Path,
+    keep_in: Path | None,
+    console: Console,
+    *,
+    as_json: bool,
+) -> None:
     from ghal360_robot.experiments import real_stack as rs  # noqa: PLC0415 - pulls in the simulated robot
     from ghal360_robot.experiments.work import config_hash, do_all  # noqa: PLC0415
 
-    pieces = rs.stack_trials(trials)
+    if detector is None:
+        kind, pieces = "stack", rs.stack_trials(trials or STACK_TRIALS)
+    else:
+        kind, pieces = f"stack-{detector}", rs.rendered_trials(trials or RENDERED_RUNS, detector)
     began = time.perf_counter()
     with progress(console, "driving", len(pieces)) as on_done:
         done = do_all(pieces, rs.do_trial, rs.StackTrial.key, jobs=jobs, keep_in=keep_in, on_done=on_done)
     results = {
-        "kind": "stack",
+        "kind": kind,
         "config_hash": config_hash([piece.key() for piece in pieces]),
         **rs.gather(pieces, done),
         "seconds": round(time.perf_counter() - began, 1),
     }
-    write_results(out, "stack", results, rs.trials_csv(results))
+    write_results(out, kind, results, rs.trials_csv(results))
     if as_json:
-        print(json.dumps(results | {"results": str(out / "stack.json")}))
+        print(json.dumps(results | {"results": str(out / f"{kind}.json")}))
         return
     report = _wide_console()
     table = Table("system", "n", "stack: found", "mean s", "tables: found", "mean s", "gap s", box=None, padding=(0, 2))
@@ -232,6 +261,8 @@ def _print_paper(results: dict[str, Any], console: Console) -> None:
     for column in table.columns[1:]:
         column.justify = "right"
     table.add_row("paper, Table I", *(f"{results['paper_accuracy'][name]:.2f}" for name in names))
+    ends = results["paper_range"]
+    table.add_row("  its entries", *(f"{ends[n][0]:.2f}-{ends[n][1]:.2f}" if n in ends else "" for n in names))
     for name, row in results["rows"].items():
         reports = [row["systems"][system] for system in names]
         table.add_row(name, *(f"{r['success']:.3f} ({r['success_se']:.3f})" for r in reports))

@@ -98,9 +98,9 @@ class Ground:
     def starts(self, goal: Goal, distance_m: float) -> NDArray[np.int64]:
         """The places about so far from the target from which one can walk to a place where it is in view."""
         near = np.abs(goal.distance_m - distance_m) <= self.tolerance_m
-        return np.flatnonzero(near & self._leads_to_view(goal))
+        return np.flatnonzero(near & self.leads_to_view(goal))
 
-    def _leads_to_view(self, goal: Goal) -> NDArray[np.bool_]:
+    def leads_to_view(self, goal: Goal) -> NDArray[np.bool_]:
         """(n,) whether some walk leads to where the target can be seen."""
         leads = np.isfinite(goal.bearing)
         while True:

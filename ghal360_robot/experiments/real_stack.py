@@ -1,8 +1,8 @@
 """The same searches through the robot's own brain and safety chain, to see how far the tables can be trusted.
 
-In the loop: the brain (wedge state, policy, cue timing, intent filter, steering), the safety chain, the
-base's simulated firmware and kinematics, noisy lidar scans, the furnished world in 3D. Not in the loop:
-rendered pictures and a detector of pictures; an ideal one reports what is in line of sight within 8 m.
+In the loop: the brain (wedge state, its fusion, policy, cue timing, intent filter, steering), the safety chain,
+the base's simulated firmware and kinematics, noisy lidar scans, the furnished world in 3D; and, for some trials,
+rendered pictures with a detector of pictures. For the others an ideal one reports what is in line of sight.
 """
 
 from __future__ import annotations
@@ -10,49 +10,85 @@ from __future__ import annotations
 import csv
 import io
 import math
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from ghal360_robot import __version__
+from ghal360_robot.angles import wrap
 from ghal360_robot.config import RobotConfig, with_overrides
 from ghal360_robot.experiments.buildings import building_map
 from ghal360_robot.experiments.grid import ground_of
-from ghal360_robot.experiments.ground import far
+from ghal360_robot.experiments.ground import DISTANCES_M, far
 from ghal360_robot.experiments.planner import BEYOND, PERFECT, NextView, plan_searches
 from ghal360_robot.experiments.search import F1, GHAL360, NOT_FOUND, RLGS, Options, Trials, most_ticks, search
 from ghal360_robot.experiments.stack_human import Shown, StackHuman
 from ghal360_robot.experiments.tally import Sums
 from ghal360_robot.guidance.belief import DetectorModel
-from ghal360_robot.messages import Cue
-from ghal360_robot.simulation.lockstep import DETECTED_M, TICK_S, Lockstep
-from ghal360_robot.simulation.world import TARGETS, build_world
+from ghal360_robot.guidance.egocentric import WEDGE_WIDTH
+from ghal360_robot.messages import Cue, Pose2
+from ghal360_robot.simulation.lockstep import DETECTED_M, TICK_S, Camera, Lockstep
+from ghal360_robot.simulation.rendered_eye import RenderedEye
+from ghal360_robot.simulation.world import ROBOT_RADIUS_M, TARGETS, build_world
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ghal360_robot.experiments.ground import Ground
-    from ghal360_robot.messages import Applied, Decision, Inputs, Pose2
+    from ghal360_robot.messages import Applied, Decision, Inputs
     from ghal360_robot.simulation.operator_desk import OperatorDesk
     from ghal360_robot.simulation.world import World
 
 PLANNER = "GHAL360+"
-STACK_VERSION = 2
+STACK_VERSION = 3
 """Raised when the same trial would go otherwise: kept ones of older versions are driven again."""
 COMPARED = 12
 """Trials that RLGS and GHAL360 drive as well: they mostly search until the limit, which costs minutes."""
 TABLE_TRIALS = 200
 """Trials on the tables from the same start: their mean has little luck left."""
+NEAR_M = DISTANCES_M[:2]
 WORLDS = ("office", "home")
+ROOM_M = 0.15
+"""Around a robot at a start chosen by distance, so that it can turn."""
 OPTIONS = replace(F1, range_m=DETECTED_M, hold=True, inhibit=True, notice_clear=1.0, notice_cluttered=1.0)
 """As the brain does it: it holds while unsure, does not drive against an arrow; a human who looks at it sees it."""
-STACK_DETECTOR = DetectorModel(hit_rate=0.9, false_rate=0.02)
-"""What the planner takes the ideal detector for: on a map of cells, lines of sight are not quite those in 3D."""
 IN_THE_LOOP = (
     "In the loop: brain, safety chain, simulated base firmware and kinematics, lidar with 20 mm of noise, 3D world.",
-    "Not in the loop: rendered pictures and a detector of pictures; an ideal one reports what is in line of sight.",
+    "With ideal eyes: no pictures, whatever is in line of sight within 8 m is reported in its direction.",
+    "With a detector's name: 1920 x 960 pictures are rendered and searched, without the video codec in between.",
 )
+IDEAL = "ideal"
+
+
+@dataclass(frozen=True, slots=True)
+class Eyes:
+    """How a detector's pictures come, and what the planner takes it for."""
+
+    every_ticks: int
+    delay_ticks: int
+    reach_m: float | tuple[tuple[str, float], ...]
+    """How far it finds things; for each target where they differ."""
+    rates: DetectorModel
+
+    def reach(self, target: str) -> float:
+        return self.reach_m if isinstance(self.reach_m, float) else dict(self.reach_m)[target]
+
+
+EYES = {
+    # On a map of cells, lines of sight are not quite those in 3D.
+    IDEAL: Eyes(12, 8, DETECTED_M, DetectorModel(hit_rate=0.9, false_rate=0.02)),
+    "painted": Eyes(12, 8, 6.0, DetectorModel(hit_rate=0.9, false_rate=0.02)),
+}
+NETWORK_EYES = Eyes(
+    every_ticks=20,
+    delay_ticks=20,
+    reach_m=(("television", 4.0), ("laptop", 2.5), ("bottle", 1.5), ("backpack", 2.0)),
+    rates=DetectorModel(hit_rate=0.6, false_rate=0.02),
+)
+"""Of small networks on two cores: 2.5 pictures a second, each known 0.4 s later; reaches as `benchmarks/recall.py`
+demands them in the rendered world."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +97,10 @@ class StackTrial:
 
     number: int
     system: str
+    eyes: str = IDEAL
+    """`ideal`, or the detector that searches rendered pictures."""
+    distance_m: float | None = None
+    """Straight to the target at the start; None starts where the world has its start."""
 
     def key(self) -> dict[str, Any]:
         """All that the result depends on."""
@@ -75,15 +115,48 @@ def stack_trials(count: int) -> list[StackTrial]:
     ]
 
 
+def rendered_trials(runs: int, detector: str) -> list[StackTrial]:
+    """By that detector on rendered pictures and by the ideal one, `runs` worlds each.
+
+    The planner from six distances; RLGS and GHAL360 from the near ones, as from further away they mostly search until
+    the limit, which with rendered pictures costs minutes each.
+    """
+    return [
+        StackTrial(run * len(DISTANCES_M) + i, system, eyes, distance_m)
+        for system, distances in ((PLANNER, DISTANCES_M), (RLGS.name, NEAR_M), (GHAL360.name, NEAR_M))
+        for run in range(runs)
+        for i, distance_m in enumerate(distances)
+        for eyes in (IDEAL, detector)
+    ]
+
+
 def do_trial(trial: StackTrial) -> dict[str, Any]:
-    """Both times of one trial, and what filled the one through the stack, as JSON."""
-    kind, target = WORLDS[trial.number % len(WORLDS)], TARGETS[trial.number // len(WORLDS) % len(TARGETS)]
+    """Both times of one trial, and what filled the one through the stack, as JSON.
+
+    Raises UsageError for an unknown detector, WeightsError where its weights are missing.
+    """
+    n = trial.number if trial.distance_m is None else trial.number + trial.number // len(DISTANCES_M)
+    kind, target = WORLDS[n % len(WORLDS)], TARGETS[trial.number // len(WORLDS) % len(TARGETS)]
     world = build_world(kind, trial.number, target)
-    ground = ground_of(building_map(world), step_m=OPTIONS.step_m, range_m=OPTIONS.range_m)
+    building = building_map(world)
+    ground = ground_of(building, step_m=OPTIONS.step_m, range_m=OPTIONS.range_m)
     goal = ground.goals[0]
+    if trial.distance_m is not None:
+        world = replace(world, start=_start(world, ground, trial.distance_m))
     start = int(far(ground.xy - (world.start.x, world.start.y)).argmin())
-    run = _Run(world, ground, trial)
-    result = run.search()
+    eyes = EYES.get(trial.eyes, NETWORK_EYES)
+    reach_m = eyes.reach(target)
+    seen = ground if reach_m == OPTIONS.range_m else ground_of(building, step_m=OPTIONS.step_m, range_m=reach_m)
+    config = with_overrides(
+        RobotConfig(), {"perception": {"target": target, "detector": "none" if trial.eyes == IDEAL else trial.eyes}}
+    )
+    with ExitStack() as stack:
+        camera = None
+        if trial.eyes != IDEAL:
+            eye = stack.enter_context(RenderedEye(world, config))
+            camera = Camera(eye.look, eyes.every_ticks, eyes.delay_ticks)
+        run = _Run(world, seen, trial, config, camera)
+        result = run.search()
     tables = _on_tables(ground, trial, start, run.human_heading)
     sums = Sums()
     sums.add(tables, OPTIONS.limit_s)
@@ -91,6 +164,7 @@ def do_trial(trial: StackTrial) -> dict[str, Any]:
     return {
         "number": trial.number,
         "system": trial.system,
+        "eyes": trial.eyes,
         "world": f"{kind}-{trial.number}-{target}",
         "distance_m": round(float(goal.distance_m[start]), 2),
         **result,
@@ -99,16 +173,29 @@ def do_trial(trial: StackTrial) -> dict[str, Any]:
     }
 
 
+def _start(world: World, ground: Ground, distance_m: float) -> Pose2:
+    """A place with room to turn, about so far from the target, from which the target can be reached."""
+    goal = ground.goals[0]
+    leads = ground.leads_to_view(goal)
+    roomy = world.clearances(ground.xy[:, 0], ground.xy[:, 1]) > ROBOT_RADIUS_M + ROOM_M
+    off = np.where(leads & roomy, np.abs(goal.distance_m - distance_m), np.inf)
+    rng = np.random.default_rng([world.seed, round(distance_m)])
+    best = int(rng.choice(np.flatnonzero(off <= max(ground.tolerance_m, float(off.min())))))
+    x, y = ground.xy[best].tolist()
+    return Pose2(x, y, float(rng.uniform(-math.pi, math.pi)))
+
+
 class _Run:
     """One search through the stack in simulated time."""
 
-    def __init__(self, world: World, ground: Ground, trial: StackTrial) -> None:
-        config = with_overrides(RobotConfig(), {"perception": {"target": world.target}})
-        self.lockstep = Lockstep(world, config, trial.number, self._on_tick)
+    def __init__(
+        self, world: World, ground: Ground, trial: StackTrial, config: RobotConfig, camera: Camera | None
+    ) -> None:
+        self.lockstep = Lockstep(world, config, trial.number, self._on_tick, camera)
         self.world, self.ground, self.trial = world, ground, trial
-        self.planner = NextView(ground, STACK_DETECTOR) if trial.system == PLANNER else None
-        start = int(far(ground.xy - (world.start.x, world.start.y)).argmin())
-        self.reachable = np.isfinite(ground.path_m[start])
+        rates = EYES.get(trial.eyes, NETWORK_EYES).rates
+        self.planner = NextView(ground, rates) if trial.system == PLANNER else None
+        self.start = int(far(ground.xy - (world.start.x, world.start.y)).argmin())
         self.human = StackHuman(
             world,
             OPTIONS,
@@ -122,6 +209,8 @@ class _Run:
         self.lockstep.desk = cast("OperatorDesk", self.human)
         self.seen: list[float] = []
         """World yaws of the target in the detections since the human last acted."""
+        self.questions = self.wrong_questions = 0
+        self._cue = Cue.NONE
         self.time_s = dict.fromkeys(("not armed", "driving", "arrow", "asked", "unsure"), 0.0)
 
     def search(self) -> dict[str, Any]:
@@ -134,6 +223,8 @@ class _Run:
             "found": found,
             "driven_m": round(lockstep.body.distance_m, 2),
             "collisions": lockstep.body.collisions,
+            "questions": self.questions,
+            "wrong_questions": self.wrong_questions,
             "time_s": {name: round(value, 2) for name, value in self.time_s.items()},
         }
 
@@ -150,15 +241,26 @@ class _Run:
         else:
             what = "unsure"
         self.time_s[what] += TICK_S
+        if decision.cue is Cue.CONFIRM and self._cue is not Cue.CONFIRM:
+            self.questions += 1
+            self.wrong_questions += not self._target_ahead(inputs)
+        self._cue = decision.cue
         if decision.target_yaw is not None:
             self.seen.append(self.lockstep.body.pose.yaw + decision.target_yaw)
+
+    def _target_ahead(self, inputs: Inputs) -> bool:
+        """Whether the target really is about where the operator looks, hidden or not."""
+        pose, target = self.lockstep.body.pose, self.world.target_object()
+        gaze = pose.yaw + (0.0 if inputs.operator is None else inputs.operator.head.yaw)
+        return abs(wrap(math.atan2(target.y - pose.y, target.x - pose.x) - gaze)) <= WEDGE_WIDTH
 
     def _arrow(self, pose: Pose2, now_ns: int) -> Shown:
         """The planner's arrow; asked only while the brain shows none."""
         if self.planner is None:
             return Shown()
         # A robot beside the middle of a cell may be nearest to one that no way leads to: that is not where it is.
-        place = int(np.where(self.reachable, far(self.ground.xy - (pose.x, pose.y)), np.inf).argmin())
+        reachable = np.isfinite(self.ground.path_m[self.start])
+        place = int(np.where(reachable, far(self.ground.xy - (pose.x, pose.y)), np.inf).argmin())
         bearings = [math.pi / 2 - yaw for yaw in self.seen]
         self.seen.clear()
         bearing = self.planner.look(place, bearings)
@@ -185,8 +287,10 @@ def _on_tables(ground: Ground, trial: StackTrial, start: int, head: int) -> np.n
 def gather(pieces: Sequence[StackTrial], results: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Both sides by system, the paired gap, and what the time through the stack was spent on."""
     systems: dict[str, Any] = {}
-    for name in dict.fromkeys(piece.system for piece in pieces):
-        mine = [result for result in results if result["system"] == name]
+    both = len({piece.eyes for piece in pieces}) > 1
+    for system, eyes in dict.fromkeys((piece.system, piece.eyes) for piece in pieces):
+        name = f"{system}, {eyes}" if both else system
+        mine = [result for result in results if (result["system"], result["eyes"]) == (system, eyes)]
         times = np.array([result["stack_s"] if result["found"] else NOT_FOUND for result in mine])
         sums = Sums()
         sums.add(times, OPTIONS.limit_s)
@@ -206,6 +310,8 @@ def gather(pieces: Sequence[StackTrial], results: Sequence[dict[str, Any]]) -> d
             "spent_s": spent,
             "driven_m": round(float(np.mean([result["driven_m"] for result in mine])), 2),
             "collisions": sum(result["collisions"] for result in mine),
+            "questions": sum(result["questions"] for result in mine),
+            "wrong_questions": sum(result["wrong_questions"] for result in mine),
         }
     return {
         "limit_s": OPTIONS.limit_s,
@@ -221,6 +327,7 @@ def trials_csv(results: dict[str, Any]) -> str:
     names = (
         "number",
         "system",
+        "eyes",
         "world",
         "distance_m",
         "found",
@@ -228,6 +335,8 @@ def trials_csv(results: dict[str, Any]) -> str:
         "tables_mean_s",
         "tables_success",
         "driven_m",
+        "questions",
+        "wrong_questions",
     )
     spent = list(results["trials"][0]["time_s"])
     text = io.StringIO()

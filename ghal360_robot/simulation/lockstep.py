@@ -1,13 +1,15 @@
 """Whole searches in simulated time: the robot's own brain and safety chain around the simulated base and body.
 
-No wires, no pictures, no clock: a search of a minute takes seconds, so that many seeds can be tried. What
-it leaves out: the codecs, the renderer and the detector; an ideal one reports what is in line of sight.
+No wires, no clock: a search of a minute takes seconds, so that many seeds can be tried. It leaves out the codecs
+and, unless it is given a camera that renders, the pictures: an ideal detector reports what is in line of sight.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -41,23 +43,29 @@ from ghal360_robot.simulation.world import CAMERA_HEIGHT_M, ROBOT_RADIUS_M, Role
 from ghal360_robot.surroundings import look_around
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from ghal360_robot.config import RobotConfig
     from ghal360_robot.messages import Applied, Decision, Surroundings
 
 TICK_NS = 20_000_000
 TICK_S = TICK_NS / 1e9
-OPERATOR_EVERY, SCAN_EVERY, PICTURE_EVERY = 3, 3, 12
-"""Ticks between messages of the operator (17 Hz), scans (17 Hz) and detections (4 Hz)."""
+OPERATOR_EVERY, SCAN_EVERY = 3, 3
+"""Ticks between messages of the operator and between scans (17 Hz)."""
 
 SCAN_NOISE_M = 0.020
-DETECTION_DELAY_TICKS = 8
-"""Camera, decoder and detector: 0.16 s on two cores."""
-
 DETECTED_M = 8.0
 FRESH = Freshness(alive=True, rate_ok=True, valid=True, age_s=0.02)
 HEALTHY = dict.fromkeys(("theta", "tim571", "rmp110", "operator"), FRESH)
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """Where detections come from: `look(pose, stamp_ns, picture)`, every so many ticks, known so many later."""
+
+    look: Callable[[Pose2, int, int], Detections]
+    every_ticks: int = 12
+    """4 Hz."""
+    delay_ticks: int = 8
+    """Camera, decoder and a fast detector: 0.16 s on two cores."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +93,9 @@ class Lockstep:
         config: RobotConfig,
         seed: int,
         on_tick: Callable[[Inputs, Decision, Applied], None] | None = None,
+        camera: Camera | None = None,
     ) -> None:
+        """With the ideal detector unless another camera is given."""
         self.world = world
         self.brain, self.safety = make_brain(config), make_safety(config)
         self.brain_state, self.safety_state = BrainState(), SafetyState()
@@ -98,6 +108,7 @@ class Lockstep:
         self.desk = OperatorDesk(world, seed)
         self.journal = Journal(0)
         self._on_tick = on_tick
+        self._camera = camera or Camera(partial(ideal_detections, world))
         self.tick = 0
         self.least_clearance_m = math.inf
         self._rng = np.random.default_rng(seed)
@@ -150,9 +161,9 @@ class Lockstep:
             yaw = np.asarray(BEAM_YAW, np.float32)
             self._scan = LidarScan(now_ns, distance.astype(np.float32), yaw, number, number, now_ns // 1000)
             self._around = look_around(self._scan, self._mount)
-        if self.tick % PICTURE_EVERY == 0:
-            self._upcoming.append(ideal_detections(self.world, pose, now_ns, self.tick))
-        if self._upcoming and self._upcoming[0].picture + DETECTION_DELAY_TICKS <= self.tick:
+        if self.tick % self._camera.every_ticks == 0:
+            self._upcoming.append(self._camera.look(pose, now_ns, self.tick))
+        if self._upcoming and self._upcoming[0].picture + self._camera.delay_ticks <= self.tick:
             self._detections = self._upcoming.pop(0)
         if self.tick % OPERATOR_EVERY == 0:
             self._operator = self.desk.step(pose, now_ns)
