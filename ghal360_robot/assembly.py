@@ -15,6 +15,7 @@ from ghal360_robot.guidance.online import LearnedPolicy, Learning, OnlineLearner
 from ghal360_robot.guidance.policy import make_policy
 from ghal360_robot.intent.controller import DriveSettings
 from ghal360_robot.intent.exact import ExactFilter
+from ghal360_robot.intent.particle import ParticleFilter
 from ghal360_robot.intent.steering import SteeringSettings
 from ghal360_robot.intent.trigger import TriggerSettings
 from ghal360_robot.logbook.disk import Watermarks
@@ -40,6 +41,9 @@ COMFORT_M = 0.12
 
 TIGHT_M = 0.01
 """In a door, steering keeps this much more than the stop zone, or the two would argue there."""
+
+AT_ONCE = 1e-9
+"""A belief in the target that every sighting exceeds."""
 
 STEADY_S = 0.2
 RELEASE = 0.5
@@ -172,9 +176,18 @@ def track_settings(config: RobotConfig) -> TrackSettings:
 
 def _fusion(config: RobotConfig) -> DetectorModel | None:
     """None where a picture is searched in parts by turns: not finding the target in a part says little."""
-    if not config.guidance.sure or PLANS[config.perception.plan].one_a_turn:
+    g = config.guidance
+    if (not g.sure and g.act_on == "tracks") or PLANS[config.perception.plan].one_a_turn:
         return None
-    return DetectorModel(sure=config.guidance.sure)
+    return DetectorModel(hit_rate=g.hit_rate, false_rate=g.false_rate, sure=g.sure or AT_ONCE)
+
+
+def _intent_filter(config: RobotConfig) -> ExactFilter | ParticleFilter:
+    intent = config.intent
+    trigger = TriggerSettings(intent.threshold, RELEASE if intent.threshold >= RELEASE else None, STEADY_S)
+    if intent.filter == "particle":
+        return ParticleFilter(trigger=trigger, particles=intent.particles, seed=intent.seed)
+    return ExactFilter(trigger=trigger)
 
 
 def make_brain(config: RobotConfig, known: SavedPolicy | None = None) -> Brain:
@@ -190,16 +203,15 @@ def make_brain(config: RobotConfig, known: SavedPolicy | None = None) -> Brain:
     tight = safety.margin_m + TIGHT_M
     outline_m = max(math.hypot(x, y) + radius for x, y, radius in safety.footprint)
     steering = SteeringSettings(radius_m=outline_m, margins_m=(max(COMFORT_M, tight), tight))
-    threshold = config.intent.threshold
-    trigger = TriggerSettings(threshold, RELEASE if threshold >= RELEASE else None, STEADY_S)
     return Brain(
         target=canonical(config.perception.target),
         policy=LearnedPolicy(known.q) if learned and known is not None else make_policy(guidance.policy),
         fusion=_fusion(config),
+        act_on_belief=guidance.act_on == "belief",
         learner=learner,
         known=None if known is None else known.learnt,
         scene=track_settings(config),
-        intent=ExactFilter(trigger=trigger),
+        intent=_intent_filter(config),
         drive=DriveSettings(v_max=safety.v_max, w_max=safety.w_max, steering=steering),
         drive_while_guiding=config.intent.drive_while_guiding,
         cue_patience_s=config.intent.cue_patience_s,

@@ -9,22 +9,26 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ghal360_robot.angles import wrap
-from ghal360_robot.guidance.belief import DetectorModel, TargetBelief, in_focus, look
+from ghal360_robot.guidance.belief import DetectorModel, TargetBelief, in_focus, likely_wedge, look
 from ghal360_robot.guidance.cueing import CueSettings, CueState, step_cue
-from ghal360_robot.guidance.egocentric import EMPTY, N_WEDGES, wedge_of
+from ghal360_robot.guidance.egocentric import CLUTTER, EMPTY, N_WEDGES, TARGET
 from ghal360_robot.guidance.online import Learnt, OnlineLearner, OnlineState
 from ghal360_robot.guidance.policy import NOTHING, Policy, make_policy
 from ghal360_robot.intent.controller import DriveSettings, DriveState, step_drive
 from ghal360_robot.intent.exact import ExactFilter, IntentState
 from ghal360_robot.intent.head_motion import HeadSettings, HeadState, step_head
+from ghal360_robot.intent.particle import ParticleFilter
 from ghal360_robot.messages import STILL, Cue, Decision, Twist
-from ghal360_robot.perception.names import canonical
 from ghal360_robot.perception.tracking import Standpoint, TrackSettings
-from ghal360_robot.perception.wedges import Scene, SceneState, scene, step_scene
+from ghal360_robot.perception.wedges import Scene, SceneState, reports, scene, step_scene
 from ghal360_robot.trail import Trail
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from ghal360_robot.messages import Inputs
 
 TURNS = (Cue.LEFT, Cue.RIGHT)
@@ -67,11 +71,13 @@ class Brain:
     scene: TrackSettings = TrackSettings()
     cueing: CueSettings = CueSettings()
     head: HeadSettings = HeadSettings()
-    intent: ExactFilter = ExactFilter()
+    intent: ExactFilter | ParticleFilter = ExactFilter()
     drive: DriveSettings = DriveSettings()
     drive_while_guiding: bool = False
     fusion: DetectorModel | None = None
     """With it, the operator is asked to confirm only what the fused detections make nearly sure."""
+    act_on_belief: bool = True
+    """Arrows follow what they are worth over all wedges that the target may be in, not in the likeliest alone."""
     learner: OnlineLearner | None = None
     """With it, guidance is learned from the operator, epoch by epoch, beginning with what is known."""
     known: Learnt | None = None
@@ -85,7 +91,8 @@ class Brain:
         gaze = _gaze(state.trail, inputs)
         state = self._follow_head(state, inputs, gaze)
         policy, online = self._policy(state)
-        cue = step_cue(policy, self.cueing, state.cue, seen.allocentric, gaze, inputs.stamp_ns)
+        wedges, belief = self._believed(state.target, seen)
+        cue = step_cue(policy, self.cueing, state.cue, wedges, gaze, inputs.stamp_ns, belief)
         state = replace(state, cue=cue)
         cue = self._unless_unsure(state, cue, seen, inputs.stamp_ns)
         state = self._learn(replace(state, online=online), cue, inputs)
@@ -100,6 +107,7 @@ class Brain:
             intention=self.intent.intention(state.intent),
             wanted=wanted,
             reasons=reasons,
+            target_chances=state.target.chances or (),
         )
 
     def _look(self, state: BrainState, inputs: Inputs) -> tuple[BrainState, Scene]:
@@ -115,13 +123,26 @@ class Brain:
         state = replace(state, scene=remembered)
         if self.fusion is not None and found is not None and self.target:
             pose = standpoint.pose
-            wedges = tuple(
-                wedge_of(-wrap(pose.yaw + item.yaw)) for item in found.objects if canonical(item.name) == self.target
-            )
-            state = replace(state, target=look(self.fusion, state.target, wedges, (pose.x, pose.y), found.stamp_ns))
+            seen = reports(self.scene, remembered, found, self.target, pose)
+            state = replace(state, target=look(self.fusion, state.target, seen, (pose.x, pose.y), found.stamp_ns))
         if not self.target:
             return state, NO_SCENE
         return state, scene(self.scene, remembered, self.target, state.trail.at(inputs.stamp_ns))
+
+    def _believed(self, target: TargetBelief, seen: Scene) -> tuple[tuple[int, ...], NDArray[np.float64] | None]:
+        """The world's wedge values with the target where it is most likely, and how likely it is where.
+
+        While the pictures speak against every wedge, what is still tracked counts: seen seldom, or hidden just now.
+        """
+        if self.fusion is None or not self.act_on_belief or target.chances is None:
+            return seen.allocentric, None
+        chances = np.array(target.chances)
+        likely = likely_wedge(chances)
+        if likely is None:
+            return seen.allocentric, None
+        values = [value & CLUTTER for value in seen.allocentric]
+        values[likely] |= TARGET
+        return tuple(values), chances
 
     def _follow_head(self, state: BrainState, inputs: Inputs, gaze: float) -> BrainState:
         """Head motion to belief; only an armed robot has anything to infer an intention for."""

@@ -147,16 +147,34 @@ class GuidanceSection(_Section):
     policy: Literal["plan", "rule", "fgs", "fgs-right", "fgs-clutter", "none", "learned"] = Field(
         "plan", description="How cues are chosen; learned: the values in memory"
     )
+    act_on: Literal["belief", "tracks"] = Field(
+        "belief",
+        description="belief: what cues are worth over all wedges the target may be in; tracks: in one",
+    )
+    hit_rate: float = Field(0.8, gt=0, lt=1, description="Chance that a picture with the target in view reports it")
+    false_rate: float = Field(0.05, gt=0, lt=1, description="Chance that a wedge without the target reports it")
     sure: float = Field(
         0.97, ge=0, lt=1, description="Belief in the target from which the operator is asked to confirm; 0: ask at once"
+    )
+    arrow: Literal["wedges", "continuous"] = Field(
+        "wedges", description="continuous: the page also points exactly at the target from the start (key B toggles)"
     )
     learn: Literal["off", "rates", "values"] = Field(
         "off", description="Learn from the operator: how reliably arrows are followed, or the values of cues"
     )
     memory: str = Field("", description="File of what is known of this operator, read at the start, written at the end")
 
+    @model_validator(mode="after")
+    def _coherent(self) -> GuidanceSection:
+        if self.hit_rate <= self.false_rate:
+            raise ValueError("hit_rate has to be above false_rate, or a report of the target would speak against it")
+        return self
+
 
 class IntentSection(_Section):
+    filter: Literal["exact", "particle"] = Field("exact", description="particle: the paper's, a noisy copy of exact")
+    particles: int = Field(500, ge=8, le=100_000, description="Of the particle filter")
+    seed: int = Field(0, ge=0, lt=2**32, description="Of the particle filter's draws")
     threshold: float = Field(0.7, gt=0.125, lt=1, description="Belief at which the robot drives (paper: 70 %)")
     drive_while_guiding: bool = Field(False, description="Allow driving while a left/right cue is shown")
     cue_patience_s: Seconds = Field(4.0, description="A gaze held so long against a left/right cue overrules it")

@@ -303,6 +303,8 @@ class Decision:
     intention: int | None
     wanted: Twist
     reasons: tuple[str, ...]
+    target_chances: tuple[float, ...] = ()
+    """Chance that the target is in world wedge 0..7, and that it is in none; empty before a search's first picture."""
 
 
 @dataclass(frozen=True, slots=True)

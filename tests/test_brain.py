@@ -86,6 +86,52 @@ def test_the_operator_is_asked_to_confirm_only_what_many_pictures_bear_out(brain
     assert think(at_once, [tick(0, target_yaw=0.1)])[0].cue is Cue.CONFIRM
 
 
+def seen_at(n: int, *yaws: float) -> Inputs:
+    """Tick `n` with a picture every tenth tick that reports the target at these yaws."""
+    taken = n - n % 10
+    found = tuple(Detection("bottle", 0.9, yaw, 0.0, 0.1, 0.1) for yaw in yaws)
+    return replace(tick(n), detections=Detections(taken * TICK_NS, taken, "test", found))
+
+
+def test_a_single_false_sighting_turns_nobody_away_from_the_target() -> None:
+    """The target is on the left; one picture of ten reports it, stronger, on the right as well."""
+    config = with_overrides(RobotConfig(), {"perception": {"target": "bottle"}})
+    ticks = [seen_at(n, *((1.6, -1.6) if n // 10 == 8 else (1.6,))) for n in range(120)]
+    on_belief = {decision.cue for decision in think(make_brain(config), ticks)[10:]}
+    assert on_belief == {Cue.LEFT}
+    wrong = [
+        replace(each, detections=seen_at(n, -1.6).detections) if n // 10 == 8 else each for n, each in enumerate(ticks)
+    ]
+    on_tracks = with_overrides(config, {"guidance": {"act_on": "tracks"}})
+    assert Cue.RIGHT in {decision.cue for decision in think(make_brain(on_tracks), wrong)}
+    assert {decision.cue for decision in think(make_brain(config), wrong)[10:]} == {Cue.LEFT}
+
+
+def test_the_values_shown_are_those_expected_over_where_the_target_may_be() -> None:
+    config = with_overrides(RobotConfig(), {"perception": {"target": "bottle"}})
+    ticks = [seen_at(n, *((1.6,) if n // 10 % 2 else (2.3,))) for n in range(200)]
+    on_tracks = make_brain(with_overrides(config, {"guidance": {"act_on": "tracks"}}))
+    values = {d.q for d in think(make_brain(config), ticks) if d.q}
+    certain = {d.q for d in think(on_tracks, ticks) if d.q}
+    assert values
+    assert certain
+    assert not values & certain
+
+
+def test_the_particle_filter_of_the_configuration_decides_the_same_again() -> None:
+    wanted = {"perception": {"target": "bottle"}, "intent": {"filter": "particle", "particles": 200, "seed": 7}}
+    ticks = [tick(n, head_yaw=0.5 + 0.05 * math.sin(n / 9)) for n in range(200)]
+    first, again, other = (
+        think(
+            make_brain(with_overrides(RobotConfig(), {**wanted, "intent": {**wanted["intent"], "seed": seed}})), ticks
+        )
+        for seed in (7, 7, 8)
+    )
+    assert first == again
+    assert [d.belief for d in first] != [d.belief for d in other]
+    assert first[-1].intention == 7
+
+
 def test_a_brain_learns_how_its_operator_follows_arrows(brain: Brain) -> None:
     learning = replace(brain, learner=OnlineLearner())
     heads = [0.0] * 30 + [-math.pi / 4] * 40 + [-math.pi / 2] * 40

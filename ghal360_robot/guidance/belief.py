@@ -13,14 +13,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ghal360_robot.guidance.egocentric import N_WEDGES, WEDGE_WIDTH
+from ghal360_robot.guidance.egocentric import CLUTTER, N_WEDGES, TARGET, WEDGE_WIDTH, decode
 from ghal360_robot.guidance.mdp import CONFIRM, LEFT, N_CLUTTER, RIGHT
+from ghal360_robot.guidance.planning import greedy
 
 SURE = 0.97
 """Belief at which the operator may be asked to confirm: one wrong question in thirty at most."""
 BORDER = math.radians(10)
 """Detections of a target this close to a border of wedges fall on either side of it."""
 NOT_IN_VIEW = N_WEDGES
+DIGITS = 9
+"""After the point, of what goes into a recording: processors differ in the last digits of exp() and of sums."""
 WAIT = 3
 """Beside LEFT, RIGHT, CONFIRM: show nothing and look again."""
 
@@ -72,16 +75,17 @@ def predict(
 
 
 def update(
-    model: DetectorModel, belief: NDArray[np.float64], seen: NDArray[np.bool_], dt_s: float
+    model: DetectorModel, belief: NDArray[np.float64], seen: NDArray[np.floating | np.bool_], dt_s: float
 ) -> NDArray[np.float64]:
     """(..., 9) the belief after a look that reported the target in the wedges `seen` (..., 8).
 
-    `dt_s` is the time since the last look; after `correlation_s` it counts as a whole look of its own.
+    NaN says that the target would not be reported there anyhow, as something hides it. `dt_s` is the time since the
+    last look; after `correlation_s` it counts as a whole look of its own.
     """
     weight = min(max(dt_s, 0.0) / model.correlation_s, 1.0)
     hit = weight * math.log(model.hit_rate / model.false_rate)
     miss = weight * math.log((1 - model.hit_rate) / (1 - model.false_rate))
-    odds = np.exp(np.where(seen, hit, miss))
+    odds = np.exp(np.nan_to_num(miss + (hit - miss) * seen))
     weighed = np.concatenate([belief[..., :NOT_IN_VIEW] * odds, belief[..., NOT_IN_VIEW:]], axis=-1)
     after: NDArray[np.float64] = weighed / weighed.sum(axis=-1, keepdims=True)
     return after
@@ -119,6 +123,29 @@ def choose(
     return np.where(belief[..., 0] >= model.sure, CONFIRM, np.where(unsure, WAIT, arrow))
 
 
+def likely_wedge(belief: NDArray[np.float64]) -> int | None:
+    """The wedge that most likely holds the target; None where it is likelier not in view than in any one of them."""
+    best = int(belief.argmax())
+    return None if best == NOT_IN_VIEW else best
+
+
+def act(q: NDArray[np.float64], belief: NDArray[np.float64], code: int) -> tuple[int, tuple[float, float, float]]:
+    """LEFT, RIGHT or CONFIRM for an egocentric belief (9,), and what they are expected to be worth.
+
+    `code` has the clutter, and the target where it is most likely. While that is in focus, what is best there counts:
+    to look once more is free, so an arrow away from it is no answer to doubt (`DetectorModel.sure` is).
+    """
+    clutter = sum((value & CLUTTER) << i for i, value in enumerate(decode(code)))
+    wedges = belief[:NOT_IN_VIEW]
+    values = wedges @ q[clutter::N_CLUTTER] / max(float(wedges.sum()), 1e-300)
+    left, right, confirm = np.round(values, DIGITS).tolist()
+    if code & TARGET:
+        action = int(greedy(q[clutter : clutter + 1])[0])
+    else:
+        action = int(greedy(np.array([[left, right, -np.inf]]))[0])
+    return action, (left, right, confirm)
+
+
 def turned(belief: NDArray[np.float64], head_wedge: int) -> NDArray[np.float64]:
     """(..., 9) a world's belief as seen from the head: wedge 0 is the one in focus."""
     return np.concatenate([np.roll(belief[..., :NOT_IN_VIEW], -head_wedge, axis=-1), belief[..., NOT_IN_VIEW:]], -1)
@@ -136,9 +163,9 @@ class TargetBelief:
 
 
 def look(
-    model: DetectorModel, belief: TargetBelief, wedges: tuple[int, ...], at: tuple[float, float], stamp_ns: int
+    model: DetectorModel, belief: TargetBelief, seen: tuple[float, ...], at: tuple[float, float], stamp_ns: int
 ) -> TargetBelief:
-    """The belief after a picture taken at `at` that shows the target in these wedges (mostly none or one).
+    """The belief after a picture taken at `at` that reports the target as `seen` (8,), see `update`.
 
     A picture not newer than the last changes nothing.
     """
@@ -146,11 +173,9 @@ def look(
         return belief
     dt_s = model.correlation_s if belief.look_ns is None else (stamp_ns - belief.look_ns) / 1e9
     chances = model.prior if belief.chances is None else np.array(belief.chances)
-    seen = np.zeros(N_WEDGES, bool)
-    seen[list(wedges)] = True
     moved_m = math.dist(at, belief.at) if belief.chances is not None else 0.0
-    after = update(model, predict(model, chances, dt_s, moved_m), seen, dt_s)
-    return TargetBelief(tuple(after.tolist()), stamp_ns, at)
+    after = update(model, predict(model, chances, dt_s, moved_m), np.array(seen), dt_s)
+    return TargetBelief(tuple(np.round(after, DIGITS).tolist()), stamp_ns, at)
 
 
 def in_focus(belief: TargetBelief, head_wedge: int, bearing: float | None) -> float:

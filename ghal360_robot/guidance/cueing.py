@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from ghal360_robot.guidance.belief import turned
 from ghal360_robot.guidance.egocentric import TARGET, decode, egocentric, encode, nearest_targets, sticky_wedge
 from ghal360_robot.guidance.mdp import ACTIONS
 from ghal360_robot.guidance.policy import NOTHING, Advice, Policy
@@ -14,6 +15,9 @@ from ghal360_robot.messages import Cue
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
 
 EPOCH_S = 2.0
 """The paper's human acts once in 2 s; an unanswered cue is thought over again after as long."""
@@ -62,10 +66,12 @@ def step_cue(
     allocentric: Sequence[int],
     head_yaw: float,
     stamp_ns: int,
+    belief: NDArray[np.float64] | None = None,
 ) -> CueState:
     """The cue for wedge values `allocentric` (eight, clockwise) and a head at `head_yaw` (rad, CCW).
 
-    Both in the same frame, which may be the base's or the odometry's. A decision stands until the
+    Both in the same frame, which may be the base's or the odometry's; so is `belief` (9,), the chance of each wedge
+    to hold the target and that none does, for a policy that can act on it. A decision stands until the
     egocentric state changes or the epoch is over. Without a target in view nothing is shown, and
     "confirm" only while the target is in focus, whatever the policy says.
     Raises ValueError unless there are eight wedge values of 0..3 and the yaw is finite.
@@ -79,7 +85,8 @@ def step_cue(
     if not undecided and stamp_ns - state.since_ns < settings.epoch_s * 1e9:
         return replace(state, head_wedge=head_wedge)
     epoch = state.epoch + 1
-    advice = _checked(policy.advise(code, uniform(settings.seed, epoch)), code)
+    from_head = None if belief is None else turned(belief, head_wedge)
+    advice = _checked(policy.advise(code, uniform(settings.seed, epoch), from_head), code)
     return CueState(head_wedge=head_wedge, code=code, advice=advice, since_ns=stamp_ns, epoch=epoch)
 
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ghal360_robot.guidance.belief import act
 from ghal360_robot.guidance.cueing import EPOCH_S
 from ghal360_robot.guidance.egocentric import CLUTTER, N_WEDGES, TARGET, decode
 from ghal360_robot.guidance.follow_rates import FollowRates
@@ -91,7 +92,10 @@ class LearnedPolicy:
     q: NDArray[np.float64] = field(repr=False)
     name: str = "learned"
 
-    def advise(self, code: int, u: float) -> Advice:
+    def advise(self, code: int, u: float, belief: NDArray[np.float64] | None = None) -> Advice:
+        if belief is not None:
+            chosen, expected = act(self.q, belief, code)
+            return Advice(ACTIONS[chosen], expected)
         index = _index(code)
         if index is None:
             return Advice(ACTIONS[rule_action(code)])

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ghal360_robot.guidance.belief import act
 from ghal360_robot.guidance.egocentric import N_CODES
 from ghal360_robot.guidance.fgs import Tie, fgs_action
-from ghal360_robot.guidance.mdp import ACTIONS, AbstractMdp, all_codes
+from ghal360_robot.guidance.mdp import ACTIONS, AbstractMdp, all_codes, one_target_codes
 from ghal360_robot.guidance.planning import greedy, value_iteration
 from ghal360_robot.guidance.rule import rule_action
 from ghal360_robot.messages import Cue
@@ -36,8 +37,12 @@ class Policy(Protocol):
     @property
     def name(self) -> str: ...
 
-    def advise(self, code: int, u: float) -> Advice:
-        """The cue for an egocentric code with a target in view; `u` is a uniform draw from [0, 1)."""
+    def advise(self, code: int, u: float, belief: NDArray[np.float64] | None = None) -> Advice:
+        """The cue for an egocentric code with a target in view; `u` is a uniform draw from [0, 1).
+
+        `belief` (9,) says where the target may be, as seen from the head, and `code` then where it most likely is. A
+        policy with values acts on their expectation, others on the code.
+        """
         ...
 
 
@@ -51,8 +56,12 @@ class ValuePolicy:
         self.q = q.copy()
         self.q.flags.writeable = False
         self._actions = greedy(q)
+        self._one_target = q[one_target_codes()]
 
-    def advise(self, code: int, u: float) -> Advice:
+    def advise(self, code: int, u: float, belief: NDArray[np.float64] | None = None) -> Advice:
+        if belief is not None:
+            action, values = act(self._one_target, belief, code)
+            return Advice(ACTIONS[action], values)
         left, right, confirm = self.q[code].tolist()
         return Advice(ACTIONS[self._actions[code]], (left, right, confirm))
 
@@ -63,7 +72,7 @@ class RulePolicy:
 
     name: str = "rule"
 
-    def advise(self, code: int, u: float) -> Advice:
+    def advise(self, code: int, u: float, belief: NDArray[np.float64] | None = None) -> Advice:
         return Advice(ACTIONS[rule_action(code)])
 
 
@@ -74,7 +83,7 @@ class FgsPolicy:
     name: str = "fgs"
     tie: Tie = Tie.RANDOM
 
-    def advise(self, code: int, u: float) -> Advice:
+    def advise(self, code: int, u: float, belief: NDArray[np.float64] | None = None) -> Advice:
         return Advice(ACTIONS[fgs_action(code, self.tie, u)])
 
 
@@ -84,7 +93,7 @@ class NoGuidance:
 
     name: str = "none"
 
-    def advise(self, code: int, u: float) -> Advice:
+    def advise(self, code: int, u: float, belief: NDArray[np.float64] | None = None) -> Advice:
         return NOTHING
 
 

@@ -89,6 +89,7 @@ def operator_blueprint() -> rrb.Blueprint:
             _plot("Loop timing", "loop/timing"),
             _plot("Intent belief", "intent/belief"),
             _plot("Guidance values", "guidance/q"),
+            _plot("Where the target is", "guidance/target"),
             _plot("Wedges", "scene/wedges"),
             _plot("Operator's head", "operator/head"),
         ),

@@ -165,6 +165,8 @@ LOG_BOOKMARK = Table(
 SCENE_WEDGES = Table("scene/wedges", (SCALARS,), on_change=True, keepalive_ns=KEEPALIVE_NS)
 GUIDANCE_CUE = Table("guidance/cue", (STATE, own("Cue", "target_yaw", F64)), on_change=True, keepalive_ns=KEEPALIVE_NS)
 GUIDANCE_Q = Table("guidance/q", (SCALARS,), on_change=True, keepalive_ns=KEEPALIVE_NS)
+GUIDANCE_TARGET = Table("guidance/target", (SCALARS,), on_change=True, keepalive_ns=KEEPALIVE_NS)
+"""The chance of each wedge of the world to hold the target, and that none does."""
 INTENT_BELIEF = Table("intent/belief", (SCALARS,), on_change=True, keepalive_ns=KEEPALIVE_NS)
 INTENT_INTENTION = Table(
     "intent/intention", (STATE, own("Intention", "wedge", I64)), on_change=True, keepalive_ns=KEEPALIVE_NS
@@ -304,6 +306,7 @@ ORDER = (
     SCENE_WEDGES,
     GUIDANCE_CUE,
     GUIDANCE_Q,
+    GUIDANCE_TARGET,
     INTENT_BELIEF,
     INTENT_INTENTION,
     CMD_WANTED,

@@ -35,6 +35,7 @@ SHOWN = (
     entities.SCENE_WEDGES,
     entities.GUIDANCE_CUE,
     entities.GUIDANCE_Q,
+    entities.GUIDANCE_TARGET,
     entities.INTENT_BELIEF,
     entities.INTENT_INTENTION,
     entities.CMD_WANTED,

@@ -233,6 +233,7 @@ def tick(inputs: Inputs, decision: Decision, applied: Applied, lateness_ms: floa
     yield Row(entities.SCENE_WEDGES, stamp, (decision.wedges,), number)
     yield Row(entities.GUIDANCE_CUE, stamp, ([decision.cue.value], target), number)
     yield Row(entities.GUIDANCE_Q, stamp, (decision.q or (),), number)
+    yield Row(entities.GUIDANCE_TARGET, stamp, (decision.target_chances,), number)
     yield Row(entities.INTENT_BELIEF, stamp, (decision.belief,), number)
     yield Row(entities.INTENT_INTENTION, stamp, ([aim], [intention]), number)
     yield Row(entities.CMD_WANTED, stamp, ([wanted.v, wanted.w], decision.reasons), number)

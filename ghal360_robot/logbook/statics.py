@@ -46,6 +46,7 @@ FRAMES = {
 SERIES = {
     "scene/wedges": tuple(f"W{k}" for k in range(8)),
     "guidance/q": ("left", "right", "confirm"),
+    "guidance/target": (*(f"wedge {k}" for k in range(8)), "not in view"),
     "intent/belief": tuple(f"wedge {k}" for k in range(8)),
     "cmd/wanted": ("wanted v m/s", "wanted w rad/s"),
     "cmd/applied": ("applied v m/s", "applied w rad/s"),

@@ -39,6 +39,10 @@ CARRIED = (
 )
 
 
+LATER = ("guidance/target",)
+"""Entities that recordings of the first versions lack."""
+
+
 class Carry:
     """One entity's values as of a tick: the newest row that is not later."""
 
@@ -59,14 +63,14 @@ def read_ticks(rows: Callable[[str], Iterator[StoredRow]], anchor: Anchor) -> It
 
     Ticks before the first whole one (their part's beginning was lost) are left out.
     """
-    carries = {entity: Carry(rows(entity)) for entity in CARRIED}
+    carries = {entity: Carry(rows(entity)) for entity in (*CARRIED, *LATER)}
     devices: list[str] = []
     for row in rows("loop/inputs"):
         if row.tick is None:
             continue
         devices = row.values.get("Inputs:devices", devices)
         now = {entity: carry.at(row.tick) for entity, carry in carries.items()}
-        if all(now.values()):
+        if all(now[entity] for entity in CARRIED):
             yield _tick(row, anchor.to_monotonic(row.t_ns), devices, now)
 
 
@@ -123,6 +127,7 @@ def _decision(now: dict[str, dict[str, Any]]) -> Decision:
         intention=None if intention == NO_INTENTION else intention,
         wanted=Twist(*wanted["Scalars:scalars"].tolist()),
         reasons=tuple(wanted["Command:reasons"]),
+        target_chances=tuple(now["guidance/target"]["Scalars:scalars"].tolist()) if now["guidance/target"] else (),
     )
 
 

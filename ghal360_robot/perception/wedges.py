@@ -7,6 +7,7 @@ Objects are kept in the odometry frame, so that turning neither smears nor loses
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import nan
 from typing import TYPE_CHECKING
 
 from ghal360_robot.angles import wrap
@@ -37,8 +38,6 @@ class Scene:
     target_score: float
     target_place: tuple[float, float] | None = None
     """Where it stands in the odometry frame, m; None while that is not known."""
-    evidence: tuple[float, ...] = (0.0,) * N_WEDGES
-    """(8,) evidence for the target in each world wedge, also where there is not enough to believe in it."""
 
     def egocentric(self, gaze_world_yaw: float) -> tuple[int, ...]:
         """(8,) values clockwise from the wedge that a gaze (odometry frame, radians CCW) rests on."""
@@ -67,18 +66,37 @@ def scene(settings: TrackSettings, state: SceneState, target: str, pose: Pose2) 
     Every object of another name is clutter in the wedge of its own centre.
     """
     camera, wanted = camera_at(pose, settings.camera), canonical(target)
-    values, evidence = [EMPTY] * N_WEDGES, [0.0] * N_WEDGES
-    targets = []
+    values, targets = [EMPTY] * N_WEDGES, []
     for item in state.objects:
         wedge = wedge_of(-item.yaw_from(camera))
+        if not item.believed:
+            continue
         if item.name == wanted:
-            evidence[wedge] += item.evidence
-            targets += [item] if item.believed else []
-        elif item.believed:
+            targets.append(item)
+        else:
             values[wedge] |= CLUTTER
     if not targets:
-        return Scene(tuple(values), None, 0.0, evidence=tuple(evidence))
+        return Scene(tuple(values), None, 0.0)
     best = max(targets, key=lambda item: (item.seen_ns, item.score))
     yaw = best.yaw_from(camera)
     values[wedge_of(-yaw)] |= TARGET
-    return Scene(tuple(values), wrap(yaw - pose.yaw), best.score, best.position(), tuple(evidence))
+    return Scene(tuple(values), wrap(yaw - pose.yaw), best.score, best.position())
+
+
+def reports(
+    settings: TrackSettings, state: SceneState, detections: Detections, target: str, pose: Pose2
+) -> tuple[float, ...]:
+    """(8,) 1 where one picture reports the target in a world wedge, whatever the score, 0 where it does not.
+
+    NaN where the tracked target is hidden, of which a picture without it says nothing. `state` is the scene after that
+    picture, `pose` the odometry's when it was taken.
+    """
+    wanted, camera = canonical(target), camera_at(pose, settings.camera)
+    seen = [0.0] * N_WEDGES
+    for item in state.objects:
+        if item.name == wanted and item.believed and item.hidden:
+            seen[wedge_of(-item.yaw_from(camera))] = nan
+    for found in detections.objects:
+        if canonical(found.name) == wanted:
+            seen[wedge_of(-wrap(pose.yaw + found.yaw))] = 1.0
+    return tuple(seen)

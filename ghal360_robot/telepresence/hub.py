@@ -91,6 +91,7 @@ class Hub:
             camera_yaw=s.camera_yaw,
             picture_hold_s=s.picture_hold_s,
             blind=s.blind,
+            arrow=s.arrow,
             streams=streams,  # type: ignore[arg-type]
         )
         connection.outbox.answer(hello.model_dump_json())

@@ -173,6 +173,8 @@ class Hello(Message):
     blind: tuple[Angle, Angle]
     """The sector that the lidar cannot see, counter-clockwise from the first to the second."""
     streams: tuple[Literal["camera", "small", "stills"], ...]
+    arrow: Literal["wedges", "continuous"] = "wedges"
+    """Whether the arrow to `State.target` is shown from the start, beside the cues."""
 
 
 class Pong(Message):

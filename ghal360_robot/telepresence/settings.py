@@ -6,7 +6,7 @@ import json
 import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from calibration.mounting import beam_bearings
 from drivers.tim571.geometry import BEAM_YAW
@@ -38,6 +38,7 @@ class PageSettings:
     small_hz: float = 15.0
     robot: str = "ghal360"
     target: str = ""
+    arrow: Literal["wedges", "continuous"] = "wedges"
     v_max: float = 0.5
     w_max: float = 0.8
     camera_yaw: float = 0.0
@@ -67,6 +68,7 @@ class PageSettings:
             small_hz=page.small_hz,
             robot=config.robot.name,
             target=config.perception.target[:64],
+            arrow=config.guidance.arrow,
             v_max=safety.v_max,
             w_max=safety.w_max,
             camera_yaw=math.radians(config.mounting.camera_yaw_deg),

@@ -13,12 +13,17 @@ from ghal360_robot.guidance.belief import (
     SURE,
     WAIT,
     DetectorModel,
+    TargetBelief,
+    act,
     choose,
     expected_values,
+    likely_wedge,
+    look,
     predict,
     turned,
     update,
 )
+from ghal360_robot.guidance.egocentric import N_WEDGES
 from ghal360_robot.guidance.mdp import CONFIRM, LEFT, RIGHT, AbstractMdp, one_target_codes, one_target_index
 from ghal360_robot.guidance.planning import greedy, value_iteration
 
@@ -118,6 +123,52 @@ def test_clutter_that_is_only_likely_still_turns_the_target_behind_away_from_it(
     clutter[1:4] = 0.7
     assert choose(MODEL, Q, certain(4), clutter) == LEFT
     assert choose(MODEL, Q, certain(4), clutter[::-1].copy()) == RIGHT
+
+
+CODES = one_target_codes()
+
+
+def test_acting_on_a_sure_belief_is_acting_on_the_values_of_that_state() -> None:
+    best = greedy(Q)
+    for index, code in enumerate(CODES.tolist()):
+        action, values = act(Q, certain(index // 256), code)
+        assert action == best[index]
+        assert values == pytest.approx(tuple(Q[index]))
+
+
+def test_an_arrow_points_to_where_most_of_the_belief_is_not_to_the_likeliest_wedge() -> None:
+    belief = np.zeros(9)
+    belief[3], belief[5], belief[6] = 0.4, 0.35, 0.25
+    index = one_target_index(3, 0)
+    assert greedy(Q)[index] == RIGHT
+    assert act(Q, belief, int(CODES[index]))[0] == LEFT
+
+
+def test_doubt_about_a_target_in_focus_is_no_reason_to_turn_away_from_it() -> None:
+    belief = np.zeros(9)
+    belief[0], belief[1] = 0.6, 0.4
+    action, (_, right, confirm) = act(Q, belief, int(CODES[one_target_index(0, 0)]))
+    assert right > confirm
+    assert action == CONFIRM
+
+
+def test_the_likely_wedge_is_none_while_the_target_is_likelier_not_in_view() -> None:
+    assert likely_wedge(MODEL.prior) is None
+    assert likely_wedge(update(MODEL, MODEL.prior, sight(5), LOOK_S)) == 5
+
+
+def test_a_hidden_target_is_not_believed_less_for_not_being_reported() -> None:
+    hidden = np.zeros(N_WEDGES)
+    hidden[2] = np.nan
+    after = update(MODEL, MODEL.prior, hidden, LOOK_S)
+    assert after[2] / after[NOT_IN_VIEW] == pytest.approx(MODEL.prior[2] / MODEL.prior[NOT_IN_VIEW])
+    assert after[3] < after[2]
+
+
+def test_the_same_picture_is_looked_at_once() -> None:
+    seen = (0.0, 1.0, *(0.0,) * 6)
+    once = look(MODEL, TargetBelief(), seen, (0.0, 0.0), 1)
+    assert look(MODEL, once, seen, (1.0, 0.0), 1) is once
 
 
 def test_many_searches_share_a_call() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from ghal360_robot.guidance.cueing import CueSettings, CueState, step_cue, uniform
 from ghal360_robot.guidance.egocentric import TARGET
@@ -31,9 +32,9 @@ class Counting:
     def __init__(self, policy: Policy) -> None:
         self.policy, self.draws = policy, list[float]()
 
-    def advise(self, code: int, u: float) -> Advice:
+    def advise(self, code: int, u: float, belief: NDArray[np.float64] | None = None) -> Advice:
         self.draws.append(u)
-        return self.policy.advise(code, u)
+        return self.policy.advise(code, u, belief)
 
 
 def test_arrows_lead_to_the_target_and_the_confirmation_comes_when_it_is_in_focus() -> None:

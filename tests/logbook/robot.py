@@ -105,6 +105,7 @@ def decision(tick: int) -> Decision:
         intention=None if tick // 17 % 2 else tick // 17 % 8,
         wanted=Twist(0.0, 0.0) if tick % 40 < 20 else Twist(0.01 * tick, -1 / (tick + 3)),
         reasons=("the operator looks at wedge 3",) * (tick // 9 % 3),
+        target_chances=() if tick // 19 % 2 else tuple(1 / (9 + tick // 12 + n) for n in range(9)),
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import pi, radians
+from math import isnan, pi, radians
 
 import pytest
 from hypothesis import given
@@ -12,8 +12,8 @@ from ghal360_robot.angles import wrap
 from ghal360_robot.guidance.egocentric import BOTH, CLUTTER, TARGET, wedge_of
 from ghal360_robot.messages import Detection, Detections, Pose2
 from ghal360_robot.perception.sphere import angular_distance
-from ghal360_robot.perception.tracking import Standpoint, TrackSettings
-from ghal360_robot.perception.wedges import Scene, SceneState, scene, step_scene
+from ghal360_robot.perception.tracking import Remembered, Standpoint, TrackSettings
+from ghal360_robot.perception.wedges import Scene, SceneState, reports, scene, step_scene
 
 SETTINGS = TrackSettings()
 MS = 1_000_000
@@ -181,11 +181,15 @@ def test_the_state_is_total_and_turns_with_the_gaze(objects: list[tuple[str, flo
     assert all(value in (0, CLUTTER, TARGET, BOTH) for value in values)
 
 
-def test_evidence_by_wedge_is_there_before_the_target_is_believed() -> None:
-    view = view_of(look(("bin", 90, 0.3)), "bin", 0.0)
-    assert view.target_yaw is None
-    assert view.evidence == (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, pytest.approx(0.3), 0.0)
-    assert view.allocentric == (0,) * 8
+def test_a_picture_reports_the_target_at_any_score_and_says_nothing_of_a_hidden_one() -> None:
+    pose = Pose2(0.0, 0.0, pi / 2)
+    found = seen(0, ("bin", 0, 0.3), ("bin", 5, 0.2), ("vase", 90, 0.9))
+    strengths = reports(SETTINGS, SceneState(), found, "bin", pose)
+    assert strengths == (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+    hidden = Remembered("bin", 0.9, -pi / 2, 0.0, 0, evidence=1.0, believed=True, hidden=True)
+    behind = reports(SETTINGS, SceneState((hidden,)), found, "bin", pose)
+    assert isnan(behind[2])
+    assert behind[6] == 1.0
 
 
 def test_synonyms_name_one_target() -> None:

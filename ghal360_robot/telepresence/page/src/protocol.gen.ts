@@ -56,6 +56,7 @@ export interface Hello {
   picture_hold_s: number;
   blind: [number, number];
   streams: ("camera" | "small" | "stills")[];
+  arrow?: "wedges" | "continuous";
 }
 
 export interface LeaseWish {
@@ -449,6 +450,13 @@ export const SCHEMA = {
     "Hello": {
       "additionalProperties": false,
       "properties": {
+        "arrow": {
+          "enum": [
+            "wedges",
+            "continuous"
+          ],
+          "type": "string"
+        },
         "blind": {
           "maxItems": 2,
           "minItems": 2,
