@@ -35,11 +35,6 @@ class Curve:
     value: NDArray[np.float64]
     """(seeds, k)"""
 
-    def first_above(self, level: float) -> int | None:
-        """The first tested episode from which the mean over the seeds lies above `level`; None: never."""
-        above = np.flatnonzero(self.value.mean(axis=0) > level)
-        return int(self.episodes[above[0]]) if above.size else None
-
 
 class GreedyLog:
     """Notes the greedy actions of orbits as they change. `mirrored`: an orbit stands for its mirror image too."""

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 @pytest.fixture(scope="module")
 def f1() -> dict[str, dict[str, object]]:
-    pieces = pieces_of(PAPER_ROWS[:2], range(5), 200)
+    pieces = pieces_of(PAPER_ROWS[:2], range(2), 200)
     return gather(pieces, [do_piece(piece) for piece in pieces])
 
 
@@ -46,11 +46,11 @@ def mean_times(row: dict, system: str) -> list[float]:
 
 def test_f1_has_the_accuracies_of_the_reference(f1: dict) -> None:
     systems = f1["F1"]["systems"]
-    assert sum(report["n"] for report in systems.values()) == 180_000
+    assert sum(report["n"] for report in systems.values()) == 72_000
     reference = {"MFO": 0.56, "ADV": 0.56, "FGS": 0.74, "RLGS": 0.79, "GHAL360": 0.84}
     for name, accuracy in reference.items():
         assert systems[name]["success"] == pytest.approx(accuracy, abs=0.03)
-        assert 0 < systems[name]["success_se"] < 0.004
+        assert 0 < systems[name]["success_se"] < 0.006
 
 
 def test_f1_has_the_papers_shape_over_distance(f1: dict) -> None:
@@ -62,7 +62,7 @@ def test_f1_has_the_papers_shape_over_distance(f1: dict) -> None:
     assert times["RLGS"][5] - times["GHAL360"][5] > 30
     paired = f1["F1"]["rlgs_minus_ghal360_s"]["12"]
     assert paired["mean_s"] == pytest.approx(times["RLGS"][5] - times["GHAL360"][5], abs=0.02)
-    assert paired["se_s"] < 3
+    assert paired["se_s"] < 4
 
 
 def test_without_the_handicap_fgs_is_as_good_as_the_learned_policy(f1: dict) -> None:
@@ -209,7 +209,7 @@ def test_options_that_make_no_sense_are_refused() -> None:
 def test_the_planner_finds_nearly_everything_and_is_fast(floor: Callable[[int], GridMap], far_s: float) -> None:
     """Few trials of each target; `ghal360 evaluate --beyond` has 7,200: 51 s and 80 s at 12 m."""
     found, times = [], []
-    for number in range(3):
+    for number in range(2):
         ground = ground_of(floor(number), step_m=1.5, range_m=6.0)
         for n, goal in enumerate(ground.goals):
             trials = draw_trials(ground, goal, [0], 10, most_ticks(F1), (number, n))
@@ -222,7 +222,7 @@ def test_the_planner_finds_nearly_everything_and_is_fast(floor: Callable[[int], 
 
 def test_who_asks_too_early_is_often_wrong() -> None:
     ground = ground_of(open_floor(1), step_m=1.5, range_m=6.0)
-    trials = draw_trials(ground, ground.goals[1], [0], 60, most_ticks(F1))
+    trials = draw_trials(ground, ground.goals[1], [0], 40, most_ticks(F1))
     shares = []
     for sure in (0.6, 0.97):
         planner = PlannerOptions(DetectorModel(sure=sure))

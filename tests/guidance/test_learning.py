@@ -92,10 +92,8 @@ def test_the_papers_learner_passes_fgs_just_before_15000_episodes(paper: Learned
     assert mean[150] == pytest.approx(228.0, abs=0.6)
     assert mean[80] == pytest.approx(216.8, abs=3)
     assert mean[[1, 5, 10, 20]] == pytest.approx([-199.6, -175.9, -139.0, -42.0], abs=12)
-    crossed = paper.curve.first_above(FGS)
-    assert crossed is not None
-    assert 12_000 <= crossed <= 15_000
-    assert paper.curve.first_above(OPTIMUM) is None
+    assert 12_000 <= paper.curve.episodes[mean > FGS].min() <= 15_000
+    assert mean.max() < OPTIMUM
 
 
 def test_learning_from_scratch_costs_an_operator_a_thousand_bad_searches(paper: Learned) -> None:
@@ -137,7 +135,7 @@ def test_a_mirrored_table_is_symmetric() -> None:
 
 
 def test_the_factored_learner_needs_a_handful_of_episodes() -> None:
-    curves = learn_factored(range(4), [0, 5, 30])
+    curves = learn_factored(range(2), [0, 5, 30])
     assert np.all(curves[:, 0] < 0)
     assert np.all(curves[:, 1:] > 228)
     assert curves[:, 2].mean() > 228.6
@@ -145,7 +143,7 @@ def test_the_factored_learner_needs_a_handful_of_episodes() -> None:
 
 def test_the_factored_learner_finds_out_that_a_wrong_confirmation_does_not_end_the_search() -> None:
     learner = FactoredLearner(AbstractMdp(wrong_confirm_ends=False))
-    for _ in range(6):
+    for _ in range(4):
         learner.episode(np.random.default_rng(3))
     assert learner.value() > 227
 

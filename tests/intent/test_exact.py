@@ -22,7 +22,7 @@ evidences = st.builds(Evidence, st.sampled_from([LEFT, STILL, RIGHT]), st.intege
 @pytest.fixture(scope="module")
 def traces() -> list[Trace]:
     rng = np.random.default_rng(2024)
-    return [trace(rng) for _ in range(150)]
+    return [trace(rng) for _ in range(80)]
 
 
 @pytest.fixture(scope="module")
@@ -41,9 +41,9 @@ def test_an_intention_is_recognised_within_two_seconds_with_few_false_alarms(at_
     assert at_10_hz.wrong_hold_share == 0.0
 
 
-@pytest.mark.parametrize("hz", [2, 5, 50])
+@pytest.mark.parametrize("hz", [2, 50])
 def test_recognition_does_not_depend_on_the_rate_of_the_head_stream(hz: int, traces: list[Trace]) -> None:
-    result = score(ExactFilter(), traces[:75], hz)
+    result = score(ExactFilter(), traces[:40], hz)
     assert np.median(result.latencies_s) == pytest.approx(2.0, abs=0.3)
     assert result.false_per_min < 2.9
 
@@ -60,7 +60,7 @@ def test_a_steady_trigger_has_fewer_false_alarms_and_is_hardly_slower(traces: li
 def test_the_threshold_trades_false_alarms_for_latency(
     traces: list[Trace], threshold: float, false_per_min: float, latency_s: float
 ) -> None:
-    result = score(ExactFilter(trigger=TriggerSettings(threshold=threshold)), traces[:100], 10)
+    result = score(ExactFilter(trigger=TriggerSettings(threshold=threshold)), traces[:60], 10)
     assert np.median(result.latencies_s) == pytest.approx(latency_s, abs=0.25)
     assert result.false_per_min == pytest.approx(false_per_min, rel=0.3, abs=0.3)
 
