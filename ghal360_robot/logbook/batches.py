@@ -45,15 +45,17 @@ class Batches:
         """Somebody begins to read here: the next row of every table is given in full."""
         self._given.clear()
 
-    def take(self) -> Iterator[tuple[Table, pa.RecordBatch]]:
-        """Everything that waits. `loop/inputs` comes last, so that a tick found in a file is whole.
+    def take(self, *, pictures: bool = True) -> Iterator[tuple[Table, pa.RecordBatch]]:
+        """Everything that waits, or everything but pictures.
+
+        `loop/inputs` comes last, so that a tick found in a file is whole.
 
         A batch of pictures never goes on beyond the next key picture: what is dropped is dropped by groups.
         """
         waiting = sorted(self._rows, key=lambda table: table is entities.LOOP_INPUTS)
         for table in waiting:
             rows = self._rows[table]
-            if not rows:
+            if not rows or (table is entities.THETA_VIDEO and not pictures):
                 continue
             self._rows[table] = []
             for group in _groups(rows):

@@ -14,6 +14,7 @@ from ghal360_robot.logbook.table import (
     F32,
     F64,
     I64,
+    IMAGE,
     TENSOR,
     TEXT,
     U8,
@@ -229,7 +230,7 @@ LOOP_INPUTS = Table(
 """`stamps` of base, scan, detections, operator (-1 for none); `health` bits are alive, rate_ok, valid."""
 
 MAP_COLUMNS = (
-    Column(rr.GridMap.descriptor_data(), BLOB),
+    Column(rr.GridMap.descriptor_data(), IMAGE),
     Column(rr.GridMap.descriptor_format(), IMAGE_FORMAT),
     Column(rr.GridMap.descriptor_cell_size(), F32),
     Column(rr.GridMap.descriptor_translation(), vector(3)),

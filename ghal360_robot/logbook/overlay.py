@@ -13,6 +13,7 @@ import rerun as rr
 
 from ghal360_robot.logbook import entities, rows
 from ghal360_robot.logbook.batches import Batches
+from ghal360_robot.logbook.blueprint import operator_blueprint
 from ghal360_robot.logbook.encoding import chunk, identified
 from ghal360_robot.logbook.errors import RecordingNotWritableError
 from ghal360_robot.logbook.statics import APPLICATION_ID, SERIES, STATE_COLORS
@@ -57,7 +58,7 @@ class Overlay:
         self._waiting = 0
         self._stream = rr.RecordingStream(APPLICATION_ID, recording_id=run_id, send_properties=False)
         try:
-            self._stream.save(path)
+            self._stream.save(path, default_blueprint=operator_blueprint())  # a file without one takes the layout away
         except (RuntimeError, OSError) as error:
             raise RecordingNotWritableError(f"{path} cannot be written ({error}): choose another place.") from error
         for table in SHOWN:

@@ -17,7 +17,7 @@ from rerun.chunk import RrdReader
 
 from ghal360_robot.logbook.encoding import ROW_ID, TICK, TIME
 from ghal360_robot.logbook.errors import RecordingNotReadableError
-from ghal360_robot.logbook.table import BLOB
+from ghal360_robot.logbook.table import BLOB, IMAGE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -184,7 +184,7 @@ def chunk_rows(chunk: Chunk) -> Iterator[StoredRow]:
 def _instances(cell: pa.ListScalar) -> Any:
     """One cell: an array of numbers, a list of bytes, or a list of Python values."""
     array = cell.values
-    if array.type == BLOB:
+    if array.type in (BLOB, IMAGE):
         return [blob.values.to_numpy(zero_copy_only=False).tobytes() for blob in array]
     if pa.types.is_integer(array.type) or pa.types.is_floating(array.type):
         return array.to_numpy(zero_copy_only=False)

@@ -123,7 +123,10 @@ def log_statics(stream: rr.RecordingStream, run: Run) -> None:
 
 def styles() -> dict[str, rr.AsComponents]:
     """Colours and sizes of what is drawn in the world; legible on light and on dark."""
+    grey = rr.GridMap.from_fields(colormap=rr.components.Colormap.Grayscale)
     return {
+        "world/map": grey,
+        "sim/map": grey,
         "lidar/scan": rr.Points3D.from_fields(radii=0.02, colors=(40, 110, 220)),
         "world/trail": rr.Points3D.from_fields(radii=0.03, colors=(130, 130, 130)),
         "world/target": rr.Points3D.from_fields(radii=0.15, colors=(255, 170, 0), labels="target"),

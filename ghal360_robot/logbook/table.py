@@ -22,6 +22,8 @@ I64 = pa.int64()
 U8, U16, U32 = pa.uint8(), pa.uint16(), pa.uint32()
 BOOL, TEXT = pa.bool_(), pa.string()
 BLOB = pa.list_(U8)
+# The same, as Rerun's viewer wants it of images; of anything else it draws none, and does not say why.
+IMAGE = pa.list_(pa.field("item", U8, nullable=False))
 TENSOR = rr.components.TensorDataBatch._ARROW_DATATYPE
 
 
@@ -104,7 +106,7 @@ def encode(column: Column, values: Sequence[Value]) -> pa.Array:
         return _tensors(values, column.type)
     if column.type in (strips(2), strips(3)):
         values = [None if v is None else [np.asarray(line, np.float32).tolist() for line in v] for v in values]
-    elif column.type == BLOB:
+    elif column.type in (BLOB, IMAGE):
         values = [None if v is None else [np.frombuffer(b, np.uint8) for b in v] for v in values]
     return pa.array(values, type=pa.list_(column.type))
 

@@ -31,6 +31,7 @@ HURRY_S = 0.005
 
 # A killed process loses what is not settled: this long, and the way there.
 SETTLE_PERIOD_S = 0.05
+"""Pictures settle every second time: each time makes a chunk of them, and a chunk has its price."""
 
 # A chunk costs about 1.1 kB beside its rows, and there are twenty of them; until then rows are in the log ahead.
 MERGE_PERIOD_S = 5.0
@@ -87,11 +88,13 @@ class Writer:
     def _work(self) -> None:
         now = time.monotonic()
         settle_at, merge_at, look_at = now + SETTLE_PERIOD_S, now + MERGE_PERIOD_S, now + LOOK_PERIOD_S
+        pictures = False
         while not self._stop.wait(HURRY_S if len(self._mailbox) > BACKLOG else TAKE_PERIOD_S):
             now = time.monotonic()
             self._take(TAKE_S)
             if now >= settle_at:
-                self._encode()
+                pictures = not pictures
+                self._encode(pictures=pictures)
                 settle_at = now + SETTLE_PERIOD_S
                 if now >= merge_at:
                     self.store.merge()
@@ -126,12 +129,12 @@ class Writer:
             if time.thread_time() >= enough_s or time.monotonic() >= until:
                 return
 
-    def _encode(self) -> None:
+    def _encode(self, *, pictures: bool = True) -> None:
         live = self._live
         if live is not None and live.wants_everything_anew():
             self.batches.begin_anew()
         breathe_until = time.monotonic() + BREATHS_S
-        for table, batch in self.batches.take():
+        for table, batch in self.batches.take(pictures=pictures):
             try:
                 self.store.put(table, batch)
                 if live is not None:
