@@ -148,6 +148,7 @@ class Page {
   }
 
   private greeted(hello: Hello): void {
+    if (this.hello === undefined) this.showArrow(hello.arrow === "continuous");
     this.hello = hello;
     this.trouble = "";
     this.world.cameraYaw = hello.camera_yaw;
