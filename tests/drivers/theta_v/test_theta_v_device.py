@@ -134,7 +134,7 @@ async def test_an_unplugged_camera_is_taken_up_again(front: Front) -> None:
                 first = await take(camera, 5)
                 simulated.unplug()
                 await until(lambda: camera.stats.link is not Link.STREAMING)
-                assert "left the bus" in camera.stats.detail or "no THETA" in camera.stats.detail
+                assert any(why in camera.stats.detail for why in ("left the bus", "no THETA", "broke"))
                 await until(lambda: "no THETA" in camera.stats.detail)
                 simulated.replug()
                 again = await take(camera, 15)
@@ -502,7 +502,8 @@ async def test_asked_once_a_lost_camera_ends_the_pictures_with_an_error(front: F
                 units = camera.access_units()
                 assert (await anext(units)).keyframe
                 simulated.unplug()
-                with pytest.raises(ThetaGone, match="left the bus"):
+                # A USB/IP server that hangs up may be heard before the last it said.
+                with pytest.raises(ThetaGone, match=r"left the bus|connection to the USB/IP server .* broke"):
                     await asyncio.wait_for(exhaust(units), 30)
 
 
