@@ -193,8 +193,8 @@ def _parts(close: Floats, points: Floats, people: list[Person], stamp_ns: int) -
         return close, len(close), len(close)
     theirs = crowd.near(points, people)
     walking = np.array([stamp_ns - person.moved_ns <= crowd.REST_NS for person in people], bool)
-    walks, rests = theirs[:, walking].any(axis=1), theirs[:, ~walking].any(axis=1)
-    resting = points[rests & ~walks]
+    walks = theirs[:, walking].any(axis=1)
+    resting = points[theirs.any(axis=1) & ~walks]
     first = len(close)
     return np.concatenate((close, resting, points[walks])), first, first + len(resting)
 

@@ -8,7 +8,7 @@ who came up from behind meanwhile could not be seen.
 from __future__ import annotations
 
 import math
-from functools import reduce
+from functools import lru_cache, reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +18,8 @@ from ghal360_robot.safety.sight import beam_step
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from numpy.typing import NDArray
 
     from ghal360_robot.messages import Surroundings, Twist
     from ghal360_robot.safety.footprint import Disc
@@ -69,9 +71,8 @@ def view_ahead(around: Surroundings) -> tuple[str, str]:
 
     The first forbids to drive ahead, the second only to do so fast; empty where there is nothing to say.
     """
-    ahead = np.flatnonzero(np.abs(around.bearings) <= AHEAD)
-    edges = around.bearings[ahead]
-    if len(edges) == 0 or edges.min() > -0.9 * AHEAD or edges.max() < 0.9 * AHEAD:
+    ahead, covered = _ahead(around.bearings.tobytes())
+    if not covered:
         return "the scan does not cover the way ahead", ""
     heard = ahead[np.isfinite(around.ranges[ahead])]
     if len(heard) < BLOCKED_SHARE * len(ahead):
@@ -80,6 +81,16 @@ def view_ahead(around: Surroundings) -> tuple[str, str]:
     most = max(int(heard[0] - ahead[0]), between - 1, int(ahead[-1] - heard[-1]))
     wide = most * abs(beam_step(around))
     return "", f"slow: lidar gets no echo over {math.degrees(wide):.0f} deg ahead" if wide >= SILENT else ""
+
+
+@lru_cache(maxsize=4)
+def _ahead(bearings: bytes) -> tuple[NDArray[np.intp], bool]:
+    """The beams to either side of the way ahead, and whether they cover it: the same in every scan of a lidar."""
+    yaws = np.frombuffer(bearings)
+    ahead = np.flatnonzero(np.abs(yaws) <= AHEAD)
+    ahead.setflags(write=False)
+    edges = yaws[ahead]
+    return ahead, bool(len(edges)) and edges.min() <= -0.9 * AHEAD and edges.max() >= 0.9 * AHEAD
 
 
 def out_of_sight(around: Surroundings, twist: Twist, parts: Sequence[tuple[Disc, float]]) -> list[tuple[float, float]]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 MAX_WHEEL_MPS = 9.5
 """Firmware maximum 8.047 m/s plus 4.5 rad/s at half the track, rounded up (fact sheet section 7)."""
@@ -92,12 +93,14 @@ class Odometry:
         `stamp_ns` is the packet's reception, `speeds_mps` right and left wheel's speed in it; with them a
         restart is noticed in every gap, and a reset of the integrators also where it is a small step.
         """
-        here = replace(self, right_m=right_m, left_m=left_m, time_s=time_s, stamp_ns=stamp_ns, speeds_mps=speeds_mps)
+        read: dict[str, Any] = {
+            "right_m": right_m, "left_m": left_m, "time_s": time_s, "stamp_ns": stamp_ns, "speeds_mps": speeds_mps,
+        }  # fmt: skip
         if self.right_m is None or self.left_m is None:
-            return here
+            return replace(self, **read)
         right, left, dt_s = right_m - self.right_m, left_m - self.left_m, time_s - self.time_s
         if dt_s < 0 or not self._same_run(stamp_ns, dt_s):
-            return replace(here, jumps=self.jumps + 1, random=_pushed(self.random, noise))
+            return replace(self, **read, jumps=self.jumps + 1, random=_pushed(self.random, noise))
         limit_m = MAX_WHEEL_MPS * (dt_s + SLACK_S)
         possible = max(abs(right), abs(left)) <= limit_m
         expected = self._by_speed(speeds_mps, dt_s)
@@ -106,10 +109,10 @@ class Odometry:
             slack_m = jump_slack_m(fastest_mps, dt_s, time_s, max(abs(right_m), abs(left_m)))
             possible = max(abs(right - expected[0]), abs(left - expected[1])) <= slack_m
         if possible:
-            return here._moved(right, left, track_m, noise)
+            return replace(self, **read, **self._moved(right, left, track_m, noise))
         # The integrators were reset, the wheels were not: what the speeds say bridges the step.
-        bridged = here if expected is None else here._moved(*expected, track_m, noise)
-        return replace(bridged, jumps=self.jumps + 1)
+        bridged = {} if expected is None else self._moved(*expected, track_m, noise)
+        return replace(self, **read, **bridged, jumps=self.jumps + 1)
 
     def covariance(self, noise: Noise = NOISE) -> Covariance:
         """Of (x, y, yaw) since the first reading: random and systematic errors together."""
@@ -142,8 +145,8 @@ class Odometry:
         (right, left), (right_then, left_then) = speeds_mps, self.speeds_mps
         return (right + right_then) / 2 * dt_s, (left + left_then) / 2 * dt_s
 
-    def _moved(self, right: float, left: float, track_m: float, noise: Noise) -> Odometry:
-        """The pose and its errors after the wheels rolled on by `right` and `left` metres along one arc."""
+    def _moved(self, right: float, left: float, track_m: float, noise: Noise) -> dict[str, Any]:
+        """Pose and errors, by field, after the wheels rolled on by `right` and `left` metres along one arc."""
         distance, turn = (right + left) / 2, (right - left) / track_m
         half = turn / 2
         # The chord of an arc is shorter than the arc by sin(a)/a of half the turn.
@@ -165,16 +168,15 @@ class Odometry:
         random = _carried(self.random, x, y)
         for rolled, step in ((right, by(0.5, 1 / track_m)), (left, by(0.5, -1 / track_m))):
             random = _plus(random, _outer(step, math.sqrt(variance * abs(rolled))))
-        return replace(
-            self,
-            x=self.x + x,
-            y=self.y + y,
-            yaw=self.yaw + turn,
-            random=random,
-            by_diameter=carried(self.by_diameter, by(distance, turn)),
-            by_unequal=carried(self.by_unequal, by((right - left) / 4, distance / track_m)),
-            by_track=carried(self.by_track, by(0.0, -turn)),
-        )
+        return {
+            "x": self.x + x,
+            "y": self.y + y,
+            "yaw": self.yaw + turn,
+            "random": random,
+            "by_diameter": carried(self.by_diameter, by(distance, turn)),
+            "by_unequal": carried(self.by_unequal, by((right - left) / 4, distance / track_m)),
+            "by_track": carried(self.by_track, by(0.0, -turn)),
+        }
 
 
 def jump_slack_m(speed_mps: float, dt_s: float, time_s: float, position_m: float) -> float:
