@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ghal360_robot.logbook.errors import RecordingNotReadableError
 from ghal360_robot.logbook.reader import RunReader
 from ghal360_robot.logbook.rrd import chunk_row_ids, chunk_times
 from ghal360_robot.messages import STILL, Cue
@@ -126,7 +127,10 @@ def inspect_run(path: Path) -> RecordingReport:
         RecordingNotReadableError: there is nothing there that can be read.
     """
     with RunReader(path) as reader:
-        return report(reader)
+        try:
+            return report(reader)
+        except (ValueError, LookupError, TypeError, AttributeError) as error:  # what flipped bits may make of any row
+            raise RecordingNotReadableError(f"{path} is damaged: some of its rows make no sense ({error}).") from error
 
 
 def report(reader: RunReader) -> RecordingReport:

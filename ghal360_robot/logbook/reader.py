@@ -247,7 +247,11 @@ class RunReader:
 
     def ticks(self) -> Iterator[Tick]:
         """Every whole tick. A torn end never shows a tick with another tick's decision."""
-        return read_ticks(self.rows, self.anchor)
+        return read_ticks(self.rows, self.anchor, self._complain)
+
+    def _complain(self, sentence: str) -> None:
+        if sentence not in self._unreadable:
+            self._unreadable.append(sentence)
 
     def _key_before(self, stamp_ns: int) -> int:
         keys = (

@@ -58,11 +58,15 @@ class Carry:
         return self.values
 
 
-def read_ticks(rows: Callable[[str], Iterator[StoredRow]], anchor: Anchor) -> Iterator[Tick]:
+def read_ticks(
+    rows: Callable[[str], Iterator[StoredRow]], anchor: Anchor, complain: Callable[[str], None]
+) -> Iterator[Tick]:
     """Join by tick number; `loop/inputs` has one row for every tick and was written last.
 
-    Ticks before the first whole one (their part's beginning was lost) are left out.
+    Ticks before the first whole one (their part's beginning was lost) are left out, and so are those whose rows
+    contradict each other, which `complain` is told of once.
     """
+    senseless = False
     carries = {entity: Carry(rows(entity)) for entity in (*CARRIED, *LATER)}
     devices: list[str] = []
     for row in rows("loop/inputs"):
@@ -70,8 +74,16 @@ def read_ticks(rows: Callable[[str], Iterator[StoredRow]], anchor: Anchor) -> It
             continue
         devices = row.values.get("Inputs:devices", devices)
         now = {entity: carry.at(row.tick) for entity, carry in carries.items()}
-        if all(now[entity] for entity in CARRIED):
-            yield _tick(row, anchor.to_monotonic(row.t_ns), devices, now)
+        if not all(now[entity] for entity in CARRIED):
+            continue
+        try:
+            tick = _tick(row, anchor.to_monotonic(row.t_ns), devices, now)
+        except (ValueError, LookupError, TypeError, AttributeError) as error:  # what flipped bits may make of any row
+            if not senseless:
+                complain(f"Tick {row.tick} makes no sense and is left out, and perhaps others ({error}).")
+            senseless = True
+            continue
+        yield tick
 
 
 def _tick(row: StoredRow, stamp_ns: int, devices: list[str], now: dict[str, dict[str, Any]]) -> Tick:

@@ -8,12 +8,19 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from ghal360_robot.cli import careful
+from ghal360_robot.logbook import tick_rows
+from ghal360_robot.logbook.reader import RunReader
 from ghal360_robot.logbook.recorder import Recorder
 from tests.logbook import robot
+
+if TYPE_CHECKING:
+    from ghal360_robot.logbook.records import Tick
+    from ghal360_robot.logbook.rrd import StoredRow
 
 REPOSITORY = Path(__file__).parents[2]
 T0 = 1_000_000_000_000_000_001
@@ -31,6 +38,25 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
         recorder.access_unit(stamp, os.urandom(300), k, k % 10 == 0, False)
     recorder.close()
     return (recorder.folder / "part-000.rrd").read_bytes()
+
+
+def test_a_tick_whose_rows_contradict_each_other_is_left_out_and_told(
+    tmp_path: Path, whole: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "part-000.rrd").write_bytes(whole)
+    understood = tick_rows._tick
+
+    def sometimes(row: StoredRow, *rest: Any) -> Tick:
+        devices = ["one too many", *rest[1]] if row.tick in {20, 30} else rest[1]
+        return understood(row, rest[0], devices, *rest[2:])
+
+    monkeypatch.setattr(tick_rows, "_tick", sometimes)
+    with RunReader(tmp_path) as reader:
+        ticks = [tick.tick for tick in reader.ticks()]
+        told = [sentence for sentence in reader.damage if "makes no sense" in sentence]
+    assert ticks == [number for number in range(60) if number not in {20, 30}]
+    assert len(told) == 1
+    assert told[0].startswith("Tick 20 ")
 
 
 INSPECT_MANY = """
