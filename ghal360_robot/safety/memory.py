@@ -158,14 +158,14 @@ def _taken_in(memory: Memory, around: Surroundings, turning: float, limits: Safe
     unsorted = Unsorted(around.points[some] @ to_odometry + here_x_y, around.beam[some], turning)
     fault = scan_fault(around, limits.footprint)
     ahead, silent = ("", "") if fault else view_ahead(around)
-    sure = [person for person in memory.people if person.confirmed]
-    scene = Scene(stamp_ns, *_parts(close, unsorted.points, sure, stamp_ns), fault, ahead, silent)
+    clear_of = [person for person in memory.people if person.counts(stamp_ns)]
+    scene = Scene(stamp_ns, *_parts(close, unsorted.points, clear_of, stamp_ns), fault, ahead, silent)
     seen = look(around, pose, turning)
     past = tuple(old for old in memory.past if stamp_ns - old.stamp_ns <= limits.ground_memory_s * 1e9)
     if not past or stamp_ns - past[-1].stamp_ns >= PAST_NS:
         past = (*past[1 - PAST :], seen)
     looks = (*memory.looks[1 - LOOKS :], seen)
-    someone_ns = stamp_ns if crowd.about(sure, stamp_ns) else memory.someone_ns
+    someone_ns = stamp_ns if crowd.about(clear_of, stamp_ns) else memory.someone_ns
     return Memory(memory.trail, looks, past, memory.people, memory.driven, scene, unsorted, someone_ns)
 
 
@@ -180,10 +180,10 @@ def _sorted_on(memory: Memory, limits: SafetyLimits) -> Memory:
         return replace(memory, unsorted=replace(unsorted, moved=moved))
     scan = memory.looks[-1:]
     people = crowd.follow(memory.people, points, moved, beam, stamp_ns, limits.person_memory_s, scan)
-    sure = [person for person in people if person.confirmed]
-    parts = _parts(scene.points[: scene.resting], points, sure, stamp_ns)
+    clear_of = [person for person in people if person.counts(stamp_ns)]
+    parts = _parts(scene.points[: scene.resting], points, clear_of, stamp_ns)
     scene = Scene(stamp_ns, *parts, scene.fault, scene.blind_ahead, scene.silent_ahead)
-    someone_ns = stamp_ns if crowd.about(sure, stamp_ns) else memory.someone_ns
+    someone_ns = stamp_ns if crowd.about(clear_of, stamp_ns) else memory.someone_ns
     return replace(memory, people=people, scene=scene, unsorted=None, someone_ns=someone_ns)
 
 

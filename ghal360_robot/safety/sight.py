@@ -31,6 +31,10 @@ MIDDLE_NS = 25_000_000
 ASTRAY = 0.035
 """rad: how far a direction may be out: 3 cm of place at 1 m, or odometry and mounting after half a turn."""
 
+ASTRAY_SOON = 0.0175
+"""rad: the same from one scan to another a quarter of a second later, in which odometry and mounting are out alike.
+Who comes out from behind an edge is then hidden by its neighbourhood for a scan less."""
+
 PASSED_M = 0.08
 """A beam that went this much further passed a place: four sigma of a smoothed range and 3 cm of odometry."""
 
@@ -39,7 +43,8 @@ PASSED_M = 0.08
 class Look:
     """One scan in the odometry frame: where the lidar was, and how far each direction was free.
 
-    `free` (n,) metres is the least range of all beams within `ASTRAY`, NaN where one of them saw nothing.
+    `free` (n,) metres is the least range of all beams within `ASTRAY`, NaN where one of them saw nothing;
+    `free_soon` (n,) that of those within `ASTRAY_SOON`.
     """
 
     stamp_ns: int
@@ -47,10 +52,15 @@ class Look:
     y: float
     yaw: float
     free: NDArray[np.float32]
+    free_soon: NDArray[np.float32]
     first: float
     """Direction of the first beam in the base frame."""
     step: float
     """Angle from beam to beam; negative where they run clockwise."""
+
+    def soon(self) -> Look:
+        """This scan for a comparison with one that was taken soon after it."""
+        return Look(self.stamp_ns, self.x, self.y, self.yaw, self.free_soon, self.free_soon, self.first, self.step)
 
 
 def place_of(pose: Pose2, point: tuple[float, float]) -> tuple[float, float]:
@@ -71,7 +81,8 @@ def beam_step(around: Surroundings) -> float:
 def look(around: Surroundings, pose: Pose2, turning: float) -> Look:
     """Keep a scan taken at `pose` (middle of its sweep) by a base that turned at `turning` rad/s."""
     step = beam_step(around)
-    width = math.ceil((ASTRAY + abs(turning) * SWEEP_S / 2) / abs(step)) if step else 0
+    aside = abs(turning) * SWEEP_S / 2
+    width, narrow = (math.ceil((astray + aside) / abs(step)) if step else 0 for astray in (ASTRAY, ASTRAY_SOON))
     x, y = place_of(pose, around.origin)
     return Look(
         around.stamp_ns,
@@ -79,6 +90,7 @@ def look(around: Surroundings, pose: Pose2, turning: float) -> Look:
         y,
         pose.yaw,
         least_around(around.raw, width),
+        least_around(around.raw, narrow),
         float(around.bearings[0]) if len(around.bearings) else 0.0,
         step,
     )
