@@ -105,9 +105,12 @@ def test_when_somebody_was_about_is_remembered_even_when_the_odometry_begins_ane
     assert remember(Memory(people=(Person(1.0, 0.0, 5, 5, 1),)), at(7, Pose2(), ranges=0.8), LIMITS).someone_ns is None
 
 
-def test_somebody_seen_only_once_is_not_believed() -> None:
-    seen = remember(Memory(people=(Person(1.0, 0.0, 0, 0, 1),)), at(1, Pose2(), ranges=0.8), LIMITS)
-    assert len(here(seen, 1).walking) == 0
+@pytest.mark.parametrize(("stamp_ns", "counts"), [(7, True), (100_000_005, True), (100_000_006, False)])
+def test_somebody_seen_moving_only_once_is_braked_for_until_the_next_scan_tells(stamp_ns: int, counts: bool) -> None:
+    once = Memory(people=(Person(1.0, 0.0, 5, 5, 1),))
+    seen = remember(once, at(stamp_ns, Pose2(), ranges=0.8), LIMITS)
+    assert (len(here(seen, stamp_ns).walking) > 0) is counts
+    assert seen.someone_ns is None
 
 
 def test_each_scan_is_taken_in_once_and_the_number_kept_is_bounded() -> None:

@@ -12,7 +12,7 @@ from ghal360_robot.messages import BaseMode, BaseState, Inputs, Pose2, Twist
 from ghal360_robot.safety.limits import SafetyLimits
 from ghal360_robot.safety.memory import Memory, remember
 from ghal360_robot.safety.people import Person, about, compared, follow, moving, near, things
-from ghal360_robot.safety.sight import Look, look
+from ghal360_robot.safety.sight import ASTRAY_SOON, Look, look
 from ghal360_robot.simulation.plant import advance
 from tests.safety.conftest import FRESH, YAW, around, circles_ranges, scan
 
@@ -208,6 +208,12 @@ def test_who_was_behind_the_robot_is_known_again_when_it_turns() -> None:
     assert known > 10
 
 
+def test_the_robot_keeps_clear_of_who_has_moved_and_for_a_moment_of_who_seems_to() -> None:
+    assert Person(1.0, 0.0, 0, 0, 2).counts(10_000_000_000)
+    assert Person(1.0, 0.0, 5, 5, 1).counts(100_000_005)
+    assert not Person(1.0, 0.0, 5, 5, 1).counts(100_000_006)
+
+
 def test_somebody_is_confirmed_by_a_second_scan_and_not_by_their_second_leg() -> None:
     leg = np.array([[1.0, 0.0], [1.0, 0.02], [1.0, 0.3], [1.0, 0.32]])
     beam = np.array([0, 1, 20, 21])
@@ -290,6 +296,28 @@ def test_scans_of_each_age_are_compared_and_none_twice() -> None:
     assert ages == [2, 5, 9]
     assert compared(looks[:1], 100_000_000) == ()
     assert [past.stamp_ns for past in compared(looks[:1], 1_000_000_000)] == [0]
+
+
+def test_only_with_a_scan_of_a_moment_ago_the_narrow_neighbourhood_of_a_direction_will_do() -> None:
+    ranges = np.full(811, 3.0)
+    ranges[405] = 1.0
+    looks = [look(around(scan(ranges, k * 100_000_000)), Pose2(), 0.0) for k in range(11)]
+    soon, *older = compared(looks, 1_000_000_000)
+    assert soon.free.tolist() == looks[8].free_soon.tolist() != looks[8].free.tolist()
+    assert [past.free.tolist() for past in older] == [looks[5].free.tolist(), looks[1].free.tolist()]
+    for age_ns, free in ((300_000_000, looks[0].free_soon), (300_000_001, looks[0].free)):
+        (only,) = compared(looks[:1], age_ns)
+        assert only.free.tolist() == free.tolist()
+
+
+def test_who_comes_out_from_behind_an_edge_is_seen_to_move_where_an_older_scan_saw_past_it() -> None:
+    ranges = np.full(811, 3.0)
+    ranges[:405] = 0.8
+    past = look(around(scan(ranges)), Pose2(), 0.0)
+    angle = ASTRAY_SOON + 2 * (YAW[1] - YAW[0])
+    leg = np.array([[0.2 + 1.5 * math.cos(angle), 1.5 * math.sin(angle)]] * 2)
+    assert moving(compared([past], 201_000_000), leg, np.array([410, 412]), 0.0).all()
+    assert not moving(compared([past], 450_000_000), leg, np.array([410, 412]), 0.0).any()
 
 
 def test_single_returns_do_not_move_and_neither_does_everything_at_once() -> None:

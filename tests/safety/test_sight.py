@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from calibration.mounting import LidarMount
 from ghal360_robot.messages import LidarScan, Pose2
-from ghal360_robot.safety.sight import ASTRAY, PASSED_M, beam_step, least_around, look, place_of, seen_free
+from ghal360_robot.safety.sight import ASTRAY, ASTRAY_SOON, PASSED_M, beam_step, least_around, look, place_of, seen_free
 from ghal360_robot.surroundings import look_around
 from tests.safety.conftest import YAW, around, scan
 
@@ -83,6 +83,18 @@ def test_a_thing_shadows_all_directions_that_might_be_its_own() -> None:
     assert free(ranges, (0.2 + 2 * math.cos(inside), 2 * math.sin(inside)), turning=0.8) == [False]
     wider = wide + 0.8 * 0.025
     assert free(ranges, (0.2 + 2 * math.cos(wider), 2 * math.sin(wider)), turning=0.8) == [True]
+
+
+def test_soon_after_a_thing_shadows_fewer_directions() -> None:
+    ranges = np.full(811, 3.0)
+    ranges[405] = 1.0
+    for turning in (0.0, 0.8, -0.8):
+        past = look(around(scan(ranges)), Pose2(), turning)
+        beams = math.ceil((ASTRAY_SOON + abs(turning) * 0.025) / STEP)
+        for aside, passed in ((beams, False), (beams + 1, True)):
+            at = np.array([[0.2 + 2 * math.cos(aside * STEP), 2 * math.sin(aside * STEP)]])
+            assert seen_free([past.soon()], at).tolist() == [[passed]]
+            assert seen_free([past], at).tolist() == [[False]]
 
 
 def test_points_measured_while_turning_have_to_be_free_on_both_sides() -> None:
