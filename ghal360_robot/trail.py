@@ -21,6 +21,12 @@ JUMP_M, JUMP_RAD = 0.2, 0.3
 FASTEST_M_S, FASTEST_RAD_S = 3.0, 6.0
 
 
+def further(then: Pose2, now: Pose2, distance_m: float, angle_rad: float) -> bool:
+    """Whether from one pose to the next the base moved or turned by more than that."""
+    moved, turned = math.hypot(now.x - then.x, now.y - then.y), abs(wrap(now.yaw - then.yaw))
+    return moved > distance_m or turned > angle_rad
+
+
 @dataclass(frozen=True, slots=True)
 class Trail:
     """The last poses by stamp, oldest first."""
@@ -38,9 +44,9 @@ class Trail:
         """Whether this newest state continues another odometry: the base was restarted, or its counters were."""
         if state is None or not self.stamps or state.stamp_ns <= self.stamps[-1]:
             return False
-        then, now, seconds = self.poses[-1], state.pose, (state.stamp_ns - self.stamps[-1]) / 1e9
-        moved, turned = math.hypot(now.x - then.x, now.y - then.y), abs(wrap(now.yaw - then.yaw))
-        return moved > JUMP_M + FASTEST_M_S * seconds or turned > JUMP_RAD + FASTEST_RAD_S * seconds
+        seconds = (state.stamp_ns - self.stamps[-1]) / 1e9
+        furthest_m, furthest_rad = JUMP_M + FASTEST_M_S * seconds, JUMP_RAD + FASTEST_RAD_S * seconds
+        return further(self.poses[-1], state.pose, furthest_m, furthest_rad)
 
     def at(self, stamp_ns: int) -> Pose2:
         """The pose at an instant: interpolated inside the trail, its nearest end outside, origin if empty."""

@@ -37,6 +37,7 @@ OTHER_SOURCES = "other"
 SCALARS = Column(rr.Scalars.descriptor_scalars(), F64)
 STATE = Column(rr.StateChange.descriptor_state(), TEXT)
 POSITIONS = Column(rr.Points3D.descriptor_positions(), vector(3))
+SAID = (Column(rr.TextLog.descriptor_text(), TEXT), Column(rr.TextLog.descriptor_level(), TEXT))
 TRANSFORM = (
     Column(rr.Transform3D.descriptor_translation(), vector(3)),
     Column(rr.Transform3D.descriptor_quaternion(), vector(4)),
@@ -149,15 +150,14 @@ OPERATOR_RECEIVED = Table(
 
 OPERATOR_REFUSED = Table(
     "operator/refused",
-    (Column(rr.TextLog.descriptor_text(), TEXT), Column(rr.TextLog.descriptor_level(), TEXT)),
+    SAID,
 )
 """Messages that were not taken in: who claims to have sent them, and why they were refused."""
 
 LOG_BOOKMARK = Table(
     "log/bookmark",
     (
-        Column(rr.TextLog.descriptor_text(), TEXT),
-        Column(rr.TextLog.descriptor_level(), TEXT),
+        *SAID,
         own("Bookmark", "holder", TEXT),
         own("Bookmark", "note", TEXT),
     ),
@@ -273,7 +273,7 @@ WORLD_GAZE = Table(
 WORLD_TRAIL = Table("world/trail", (POSITIONS,))
 CMD_WHY = Table(
     "cmd/why",
-    (Column(rr.TextLog.descriptor_text(), TEXT), Column(rr.TextLog.descriptor_level(), TEXT)),
+    SAID,
     on_change=True,
 )
 INTENT_BARS = Table(
@@ -329,7 +329,7 @@ def log_table(source: str) -> Table:
     path = "/".join(part for part in re.split(r"[^A-Za-z0-9_-]+", source) if part) or OTHER_SOURCES
     if path not in _log_tables and len(_log_tables) >= MAX_LOG_SOURCES:
         path = OTHER_SOURCES
-    columns = (Column(rr.TextLog.descriptor_text(), TEXT), Column(rr.TextLog.descriptor_level(), TEXT))
+    columns = SAID
     return _log_tables.setdefault(path, Table(f"log/{path}", columns))
 
 

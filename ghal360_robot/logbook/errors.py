@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+MADE_OF_FLIPPED_BITS = (ValueError, LookupError, TypeError, AttributeError)
+"""What reading a row may raise whose bits have flipped: lengths that do not fit, unknown words, missing values."""
+
 
 class LogbookError(Exception):
     """Root of everything the logbook raises."""

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ghal360_robot.floor_map import RESOLUTION_M, UNKNOWN_GREY, FloorMap
+from ghal360_robot.frames import place_of
 from ghal360_robot.logbook import entities, rows
 from ghal360_robot.messages import Pose2
 from ghal360_robot.trail import Trail
@@ -41,7 +41,8 @@ class FloorDrawing:
             return
         self._added_ns = around.stamp_ns
         base = self._trail.at(around.stamp_ns)
-        self._floor.add(_lidar(base, around.origin), around.bearings, np.nan_to_num(around.raw.astype(np.float64)))
+        lidar = (*place_of(base, around.origin), base.yaw)
+        self._floor.add(lidar, around.bearings, np.nan_to_num(around.raw.astype(np.float64)))
         if inputs.stamp_ns - self._drawn_ns >= DRAW_NS:
             self._drawn_ns = inputs.stamp_ns
             yield from self._drawing(inputs.stamp_ns)
@@ -57,8 +58,3 @@ class FloorDrawing:
         corner = Pose2(x + columns[0] * RESOLUTION_M, y + (len(cells) - 1 - lines[-1]) * RESOLUTION_M)
         seen = np.ascontiguousarray(cells[lines[0] : lines[-1] + 1, columns[0] : columns[-1] + 1])
         yield from rows.grid_map(entities.WORLD_MAP, stamp_ns, seen, RESOLUTION_M, corner)
-
-
-def _lidar(base: Pose2, at: tuple[float, float]) -> tuple[float, float, float]:
-    c, s = math.cos(base.yaw), math.sin(base.yaw)
-    return base.x + c * at[0] - s * at[1], base.y + s * at[0] + c * at[1], base.yaw

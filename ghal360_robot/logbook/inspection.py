@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ghal360_robot.logbook.errors import RecordingNotReadableError
+from ghal360_robot.logbook.errors import MADE_OF_FLIPPED_BITS, RecordingNotReadableError
 from ghal360_robot.logbook.reader import RunReader
 from ghal360_robot.logbook.rrd import chunk_row_ids, chunk_times
 from ghal360_robot.messages import STILL, Cue
@@ -129,7 +129,7 @@ def inspect_run(path: Path) -> RecordingReport:
     with RunReader(path) as reader:
         try:
             return report(reader)
-        except (ValueError, LookupError, TypeError, AttributeError) as error:  # what flipped bits may make of any row
+        except MADE_OF_FLIPPED_BITS as error:
             raise RecordingNotReadableError(f"{path} is damaged: some of its rows make no sense ({error}).") from error
 
 

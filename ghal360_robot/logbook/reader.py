@@ -3,41 +3,30 @@
 from __future__ import annotations
 
 import heapq
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-import numpy as np
-
-from ghal360_robot.logbook import scan_values
+from ghal360_robot.logbook import row_values
 from ghal360_robot.logbook.clock import Anchor
-from ghal360_robot.logbook.errors import RecordingNotReadableError
-from ghal360_robot.logbook.records import AccessUnit, CanFrame, Link, Map, Telegram, Text, Truth
+from ghal360_robot.logbook.errors import MADE_OF_FLIPPED_BITS, RecordingNotReadableError
 from ghal360_robot.logbook.recovery import read_tail
 from ghal360_robot.logbook.rrd import PartReader, chunk_rows, ordered_rows
 from ghal360_robot.logbook.run_folder import files_of, read_meta
 from ghal360_robot.logbook.tick_rows import read_ticks
 from ghal360_robot.logbook.wal import SUFFIX
-from ghal360_robot.messages import (
-    BaseMode,
-    BaseState,
-    Bookmark,
-    Detection,
-    Detections,
-    HeadPose,
-    LidarScan,
-    LinkStats,
-    OperatorInput,
-    Pose2,
-    Twist,
-)
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
     from types import TracebackType
     from typing import Self
 
-    from ghal360_robot.logbook.records import Tick
+    from ghal360_robot.logbook.records import AccessUnit, CanFrame, Link, Map, Telegram, Text, Tick, Truth
+    from ghal360_robot.logbook.row_values import Values
     from ghal360_robot.logbook.rrd import StoredRow
+    from ghal360_robot.messages import BaseState, Bookmark, Detections, LidarScan, OperatorInput
+
+T = TypeVar("T")
 
 RUN_PROPERTY = "__properties/run"
 ROBOT_PROPERTY = "__properties/robot"
@@ -103,147 +92,53 @@ class RunReader:
     def access_units(self, from_ns: int | None = None, to_ns: int | None = None) -> Iterator[AccessUnit]:
         """The video as received; with `from_ns`, from the last key picture on that is not later."""
         begin_ns = None if from_ns is None else self._key_before(from_ns)
-        for row in self.rows("theta/video", begin_ns, to_ns):
-            values = row.values
-            yield AccessUnit(
-                self._stamp(row),
-                values["VideoStream:sample"][0],
-                bool(values.get("VideoStream:is_keyframe", [False])[0]),
-                int(values["AccessUnit:sequence"][0]),
-                bool(values["AccessUnit:tainted"][0]),
-                int(values["AccessUnit:latency_ns"][0]),
-            )
+        return self._read("theta/video", row_values.access_unit, begin_ns, to_ns)
 
     def detections(self) -> Iterator[Detections]:
-        for row in self.rows("theta/objects"):
-            names = row.values["Detections:names"]
-            numbers = row.values["Detections:values"].reshape(-1, 5).tolist()
-            objects = tuple(Detection(name, *five) for name, five in zip(names, numbers, strict=True))
-            picture = int(row.values["Detections:picture"][0])
-            yield Detections(self._stamp(row), picture, row.values["Detections:detector"][0], objects)
+        return self._read("theta/objects", row_values.detections)
 
     def telegrams(self) -> Iterator[Telegram]:
-        for row in self.rows("lidar/raw"):
-            yield Telegram(self._stamp(row), row.values["Telegram:bytes"].tobytes())
+        return self._read("lidar/raw", row_values.telegram)
 
     def scans(self) -> Iterator[LidarScan]:
-        yaw = np.empty(0, np.float32)
-        for row in self.rows("lidar/scan"):
-            values = row.values
-            yaw = values.get("LidarScan:yaw", yaw)
-            whole = values.get("LidarScan:ranges_mm")
-            ranges = values["LidarScan:ranges_m"] if whole is None else scan_values.metres(whole)
-            rssi = next(
-                (
-                    values[name]
-                    for name in ("LidarScan:rssi_u8", "LidarScan:rssi_u16", "LidarScan:rssi")
-                    if name in values
-                ),
-                None,
-            )
-            scan_counter, telegram_counter, device_time_us = values["LidarScan:counters"].tolist()
-            yield LidarScan(
-                self._stamp(row),
-                ranges,
-                yaw,
-                scan_counter,
-                telegram_counter,
-                device_time_us,
-                bool(values["LidarScan:device_ok"][0]),
-                None if rssi is None else rssi.astype(np.float32),
-            )
+        return self._read("lidar/scan", row_values.Scans())
 
     def can_frames(self) -> Iterator[CanFrame]:
         """Both directions, merged by time."""
-        return heapq.merge(self._can("rx"), self._can("tx"), key=lambda frame: frame.stamp_ns)
+        both = (self._read(f"can/{way}", partial(row_values.can_frame, way)) for way in ("rx", "tx"))
+        return heapq.merge(*both, key=lambda frame: frame.stamp_ns)
 
     def base_states(self) -> Iterator[BaseState]:
-        mode = BaseMode.UNKNOWN
-        faults: tuple[str, ...] = ()
-        warnings: tuple[str, ...] = ()
-        temperature: float | None = None
-        covariance = [0.0] * 6
-        for row in self.rows("base/state"):
-            values = row.values
-            if "BaseState:mode" in values:
-                mode = BaseMode(values["BaseState:mode"][0])
-            if "BaseState:faults" in values:
-                faults = tuple(values["BaseState:faults"])
-            if "BaseState:warnings" in values:
-                warnings = tuple(values["BaseState:warnings"])
-            if "BaseState:temperature_degc" in values:
-                temperature = next(iter(values["BaseState:temperature_degc"].tolist()), None)
-            if "BaseState:covariance" in values:
-                covariance = values["BaseState:covariance"].tolist()
-            v, w, battery = values["Scalars:scalars"].tolist()
-            pose = Pose2(*values["BaseState:pose"].tolist())
-            xx, xy, x_yaw, yy, y_yaw, yaw_yaw = covariance
-            yield BaseState(
-                self._stamp(row),
-                mode,
-                pose,
-                Twist(v, w),
-                battery,
-                faults,
-                temperature,
-                (xx, xy, x_yaw, yy, y_yaw, yaw_yaw),
-                warnings,
-            )
+        return self._read("base/state", row_values.BaseStates())
 
     def operator_inputs(self) -> Iterator[OperatorInput]:
-        holder, latency_s = "", 0.0
-        for row in self.rows("operator/command"):
-            values = row.values
-            holder = values.get("OperatorInput:holder", [holder])[0]
-            latency_s = float(values.get("OperatorInput:latency_s", [latency_s])[0])
-            stick = values["OperatorInput:stick"].tolist()
-            arm, disarm, estop, found = values["OperatorInput:presses"].tolist()
-            yield OperatorInput(
-                self._stamp(row),
-                HeadPose(*values["OperatorInput:head"].tolist()),
-                bool(values["OperatorInput:deadman"][0]),
-                Twist(*stick) if stick else None,
-                arm,
-                disarm,
-                estop,
-                found,
-                holder,
-                latency_s,
-            )
+        return self._read("operator/command", row_values.OperatorInputs())
 
     def links(self) -> Iterator[Link]:
         """Every device's link, merged by time; the counts are as of that moment."""
         devices = [e.removeprefix("state/") for e in self.entities() if e.startswith("state/")]
-        return heapq.merge(
-            *(self._link(device) for device in devices if device not in ("arm", "base")),
-            key=lambda link: link.stamp_ns,
+        links = (
+            self._read(f"state/{device}", partial(row_values.link, device))
+            for device in devices
+            if device not in ("arm", "base")
         )
+        return heapq.merge(*links, key=lambda link: link.stamp_ns)
 
     def texts(self) -> Iterator[Text]:
         """Everything under `log/`, merged by time."""
         sources = [e for e in self.entities() if e.startswith("log/")]
-        return heapq.merge(*map(self._texts, sources), key=lambda text: text.stamp_ns)
+        texts = (self._read(source, partial(row_values.text, source.removeprefix("log/"))) for source in sources)
+        return heapq.merge(*texts, key=lambda text: text.stamp_ns)
 
     def bookmarks(self) -> Iterator[Bookmark]:
-        for row in self.rows("log/bookmark"):
-            yield Bookmark(self._stamp(row), row.values["Bookmark:holder"][0], row.values["Bookmark:note"][0])
+        return self._read("log/bookmark", row_values.bookmark)
 
     def truths(self) -> Iterator[Truth]:
-        for row in self.rows("sim/truth"):
-            yield Truth(self._stamp(row), Pose2(*row.values["Truth:pose"].tolist()))
+        return self._read("sim/truth", row_values.truth)
 
     def maps(self, entity: str = "world/map") -> Iterator[Map]:
         """The floor as the robot came to know it, or, as `sim/map`, as it is in the simulation."""
-        for row in self.rows(entity):
-            values = row.values
-            shape = values["GridMap:format"][0]
-            cells = np.frombuffer(values["GridMap:data"][0], np.uint8).reshape(shape["height"], shape["width"])
-            yield Map(
-                self._stamp(row),
-                cells,
-                float(values["Map:resolution_m"][0]),
-                Pose2(*values["Map:origin"].tolist()),
-            )
+        return self._read(entity, row_values.grid_map)
 
     def ticks(self) -> Iterator[Tick]:
         """Every whole tick. A torn end never shows a tick with another tick's decision."""
@@ -263,33 +158,20 @@ class RunReader:
         )
         return max((key for key in keys if key <= stamp_ns), default=stamp_ns)
 
-    def _can(self, direction: str) -> Iterator[CanFrame]:
-        for row in self.rows(f"can/{direction}"):
-            can_id = int(row.values["CanFrame:id"][0])
-            yield CanFrame(self._stamp(row), direction, can_id, row.values["CanFrame:data"].tobytes())
-
-    def _texts(self, entity: str) -> Iterator[Text]:
-        for row in self.rows(entity):
-            level, text = row.values["TextLog:level"][0], row.values["TextLog:text"][0]
-            yield Text(self._stamp(row), entity.removeprefix("log/"), level, text)
-
-    def _link(self, device: str) -> Iterator[Link]:
-        for row in self.rows(f"state/{device}"):
-            values = row.values
-            last = values["LinkStats:last_ns"].tolist()
-            received, lost, damaged, reconnects = values["LinkStats:counts"].tolist()
-            stats = LinkStats(
-                values["LinkStats:link"][0],
-                values["LinkStats:detail"][0],
-                received,
-                lost,
-                damaged,
-                reconnects,
-                float(values["LinkStats:rate_hz"][0]),
-                last[0] if last else None,
-                values["LinkStats:condition"][0] if "LinkStats:condition" in values else "",
-            )
-            yield Link(self._stamp(row), device, stats)
+    def _read(
+        self, entity: str, make: Callable[[int, Values], T], from_ns: int | None = None, to_ns: int | None = None
+    ) -> Iterator[T]:
+        """What each row of an entity says. One that flipped bits made senseless is left out; `damage` tells so."""
+        told = False
+        for row in self.rows(entity, from_ns, to_ns):
+            try:
+                made = make(self._stamp(row), row.values)
+            except MADE_OF_FLIPPED_BITS as error:
+                if not told:
+                    self._complain(f"A row of {entity} makes no sense and is left out, perhaps others too ({error}).")
+                told = True
+                continue
+            yield made
 
     def _stamp(self, row: StoredRow) -> int:
         return self.anchor.to_monotonic(row.t_ns)

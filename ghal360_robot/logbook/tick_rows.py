@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from ghal360_robot.logbook.errors import MADE_OF_FLIPPED_BITS
 from ghal360_robot.logbook.records import Tick
 from ghal360_robot.logbook.rows import NO_INTENTION, NO_STAMP
 from ghal360_robot.messages import (
@@ -78,7 +79,7 @@ def read_ticks(
             continue
         try:
             tick = _tick(row, anchor.to_monotonic(row.t_ns), devices, now)
-        except (ValueError, LookupError, TypeError, AttributeError) as error:  # what flipped bits may make of any row
+        except MADE_OF_FLIPPED_BITS as error:
             if not senseless:
                 complain(f"Tick {row.tick} makes no sense and is left out, and perhaps others ({error}).")
             senseless = True

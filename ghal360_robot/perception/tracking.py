@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ghal360_robot.angles import wrap
+from ghal360_robot.frames import place_of
 from ghal360_robot.perception.names import canonical
 from ghal360_robot.perception.place import Place
 
@@ -121,8 +122,7 @@ class Returns:
 
 def camera_at(pose: Pose2, mount: tuple[float, float, float]) -> tuple[float, float]:
     """The camera's place in the odometry frame, for a robot there."""
-    c, s = cos(pose.yaw), sin(pose.yaw)
-    return pose.x + c * mount[0] - s * mount[1], pose.y + s * mount[0] + c * mount[1]
+    return place_of(pose, mount[:2])
 
 
 def step_objects(

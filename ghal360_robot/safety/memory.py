@@ -20,7 +20,7 @@ from ghal360_robot.safety.people import Person
 from ghal360_robot.safety.sight import MIDDLE_NS, Look, look, seen_free
 from ghal360_robot.safety.view import scan_fault, view_ahead
 from ghal360_robot.safety.zones import Around
-from ghal360_robot.trail import Trail
+from ghal360_robot.trail import Trail, further
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -211,7 +211,6 @@ def _driven(driven: tuple[Place, ...], base: BaseState, driven_s: float) -> tupl
 
 
 def _jumped(trail: Trail, base: BaseState, limits: SafetyLimits) -> bool:
-    last, dt_s = trail.poses[-1], (base.stamp_ns - trail.stamps[-1]) / 1e9
-    away = math.hypot(base.pose.x - last.x, base.pose.y - last.y)
-    turned = abs(wrap(base.pose.yaw - last.yaw))
-    return dt_s < 0.0 or away > JUMP_M + limits.v_max * dt_s or turned > JUMP_RAD + limits.w_max * dt_s
+    dt_s = (base.stamp_ns - trail.stamps[-1]) / 1e9
+    furthest_m, furthest_rad = JUMP_M + limits.v_max * dt_s, JUMP_RAD + limits.w_max * dt_s
+    return dt_s < 0.0 or further(trail.poses[-1], base.pose, furthest_m, furthest_rad)

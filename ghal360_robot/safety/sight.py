@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ghal360_robot.frames import place_of
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -61,12 +63,6 @@ class Look:
     def soon(self) -> Look:
         """This scan for a comparison with one that was taken soon after it."""
         return Look(self.stamp_ns, self.x, self.y, self.yaw, self.free_soon, self.free_soon, self.first, self.step)
-
-
-def place_of(pose: Pose2, point: tuple[float, float]) -> tuple[float, float]:
-    """A point of the base frame in the frame of `pose`."""
-    c, s = math.cos(pose.yaw), math.sin(pose.yaw)
-    return pose.x + c * point[0] - s * point[1], pose.y + s * point[0] + c * point[1]
 
 
 def beam_step(around: Surroundings) -> float:

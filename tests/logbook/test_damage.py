@@ -7,9 +7,11 @@ import random
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 
 from ghal360_robot.cli import careful
@@ -19,6 +21,8 @@ from ghal360_robot.logbook.recorder import Recorder
 from tests.logbook import robot
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
     from ghal360_robot.logbook.records import Tick
     from ghal360_robot.logbook.rrd import StoredRow
 
@@ -57,6 +61,43 @@ def test_a_tick_whose_rows_contradict_each_other_is_left_out_and_told(
     assert ticks == [number for number in range(60) if number not in {20, 30}]
     assert len(told) == 1
     assert told[0].startswith("Tick 20 ")
+
+
+@pytest.mark.parametrize(
+    ("entity", "read", "column", "value"),
+    [
+        ("base/state", RunReader.base_states, "Scalars:scalars", np.zeros(2)),
+        ("base/state", RunReader.base_states, "BaseState:mode", ["no mode at all"]),
+        ("lidar/scan", RunReader.scans, "LidarScan:counters", np.zeros(0)),
+        ("theta/video", RunReader.access_units, "AccessUnit:sequence", None),
+    ],
+    ids=["too few numbers", "a word unknown", "none", "nothing"],
+)
+def test_any_other_row_that_makes_no_sense_is_left_out_and_told_once(
+    tmp_path: Path,
+    whole: bytes,
+    monkeypatch: pytest.MonkeyPatch,
+    entity: str,
+    read: Callable[[RunReader], Iterator[Any]],
+    column: str,
+    value: Any,
+) -> None:
+    (tmp_path / "part-000.rrd").write_bytes(whole)
+    as_stored = RunReader.rows
+
+    def flipped(reader: RunReader, name: str, *between: int | None) -> Iterator[StoredRow]:
+        for n, row in enumerate(as_stored(reader, name, *between)):
+            yield replace(row, values=row.values | {column: value}) if name == entity and n in {20, 30} else row
+
+    with RunReader(tmp_path) as reader:
+        good = [item.stamp_ns for item in read(reader)]
+    monkeypatch.setattr(RunReader, "rows", flipped)
+    with RunReader(tmp_path) as reader:
+        left = [item.stamp_ns for item in read(reader)]
+        told = [sentence for sentence in reader.damage if "makes no sense" in sentence]
+    assert left == [stamp for n, stamp in enumerate(good) if n not in {20, 30}]
+    assert len(told) == 1
+    assert told[0].startswith(f"A row of {entity} ")
 
 
 INSPECT_MANY = """

@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calibration.mounting import LidarMount
+from ghal360_robot.frames import place_of
 from ghal360_robot.messages import LidarScan, Pose2
-from ghal360_robot.safety.sight import ASTRAY, ASTRAY_SOON, PASSED_M, beam_step, least_around, look, place_of, seen_free
+from ghal360_robot.safety.sight import ASTRAY, ASTRAY_SOON, PASSED_M, beam_step, least_around, look, seen_free
 from ghal360_robot.surroundings import look_around
 from tests.safety.conftest import YAW, around, scan
 
