@@ -1,14 +1,12 @@
 """How often detectors find what is searched for in rendered pictures, by distance, and what they take for it.
 
     python benchmarks/recall.py --detectors centernet deimv2-femto yolox-nano
-    python benchmarks/recall.py --patrol-s 3600 --seeds 0
 
 A view is one place with the thing in full sight (a television or laptop from within 60 degrees of its front), from
 which the robot turns slowly for 2 s; its pictures go through the camera's encoder, the detector and the tracker as in
 the robot. `single` is the share of pictures with the thing reported, `fused` the share of views after which it is
-believed. `--write` saves the table for experiments without pictures. A patrol drives through furnished worlds and
-counts how often something else is believed to be the target, and how often the robot would ask the operator to
-confirm it (guidance fuses what was reported, and asks when nearly sure). The last line is one JSON object.
+believed. `--write` saves the table for experiments without pictures. What else is taken for it, and asked about, is
+counted by `benchmarks/patrol.py`. The last line is one JSON object.
 """
 
 from __future__ import annotations
@@ -31,19 +29,10 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from ghal360_robot.angles import wrap
-from ghal360_robot.assembly import camera_view, detector_options, make_brain, track_settings
-from ghal360_robot.brain import BrainState
-from ghal360_robot.config import RobotConfig, with_overrides
+from ghal360_robot.assembly import camera_view, detector_options, track_settings
+from ghal360_robot.config import RobotConfig
 from ghal360_robot.messages import (
-    STILL,
-    BaseMode,
-    BaseState,
-    Cue,
     Detections,
-    Freshness,
-    HeadPose,
-    Inputs,
-    OperatorInput,
     Pose2,
 )
 from ghal360_robot.perception.detectors.boxes import Boxes
@@ -76,14 +65,11 @@ VIEW_S, PICTURE_HZ = 2.0, 2.0
 TURN_RAD_S = 0.25
 """The robot looks around while it waits; also keeps four pictures from being one."""
 FRONT_COS = 0.5
-FRESH = Freshness(alive=True, rate_ok=True, valid=True, age_s=0.1)
 AIM_RAD = math.radians(8.0)
 """A report within this and half the thing's width of its direction is of it."""
 MARGIN_RAD = math.radians(20.0)
 """Half of what a wide television covers from nearby."""
 CAMERA_FPS, BITRATE = 12.0, 6_000_000
-SPEED_M_S = 0.4
-WAY_CLEAR_M = 0.45
 NS = 1_000_000_000
 
 
@@ -156,16 +142,13 @@ class Blinkers:
 
 
 class Watcher:
-    """One detector with the robot's tracker and brain behind it, for one target."""
+    """One detector with the robot's tracker behind it, for one target."""
 
     def __init__(self, config: RobotConfig, detector: PanoramaDetector, target: str) -> None:
         self._detector, self._target = detector, target
         self._view, self._tracks = camera_view(config), track_settings(config)
         self._state = SceneState()
         self._pictures = 0
-        self._brain = make_brain(with_overrides(config, {"perception": {"target": target}}))
-        self._mind = BrainState()
-        """The operator always looks at what is believed to be the target, so that it is asked about whenever it can."""
 
     def look(self, picture: NDArray[np.uint8], pose: Pose2, stamp_ns: int) -> tuple[Detections, Scene]:
         """What is in this picture, and what is believed after it."""
@@ -180,22 +163,6 @@ class Watcher:
         )
         self._state = step_scene(self._tracks, self._state, found, Standpoint(pose), stamp_ns)
         return found, scene(self._tracks, self._state, self._target, pose)
-
-    def asked(self, found: Detections, pose: Pose2, stamp_ns: int, towards: float | None) -> bool:
-        """Whether the robot asks an operator who looks `towards` (base frame) to confirm the target."""
-        head = HeadPose(towards or 0.0)
-        inputs = Inputs(
-            stamp_ns,
-            self._pictures,
-            BaseState(stamp_ns, BaseMode.DRIVE, pose, STILL, 80.0),
-            None,
-            found,
-            OperatorInput(stamp_ns, head, deadman=False),
-            dict.fromkeys(("theta", "tim571", "rmp110", "operator"), FRESH),
-            False,
-        )
-        self._mind, decision = self._brain.step(self._mind, inputs)
-        return decision.cue is Cue.CONFIRM
 
 
 def at_target(item: WorldObject, pose: Pose2, yaw: float) -> bool:
@@ -292,74 +259,6 @@ def accepted(rows: list[Row]) -> dict[str, dict[str, Any]]:
     return shares
 
 
-def drive(world: World, rng: Generator, seconds: float, step_s: float) -> Iterator[Pose2]:
-    """Poses of a robot that wanders from room to room, one every `step_s`."""
-    pose, left = world.start, int(seconds / step_s)
-    goal = pose
-    while left > 0:
-        ahead = math.atan2(goal.y - pose.y, goal.x - pose.x)
-        away = math.hypot(goal.x - pose.x, goal.y - pose.y)
-        turn = wrap(ahead - pose.yaw)
-        if away < 0.05:
-            goal = next_goal(world, pose, rng)
-            continue
-        if abs(turn) > 0.1:
-            pose = Pose2(pose.x, pose.y, wrap(pose.yaw + math.copysign(min(abs(turn), 0.6 * step_s), turn)))
-        else:
-            go = min(away, SPEED_M_S * step_s)
-            pose = Pose2(pose.x + go * math.cos(ahead), pose.y + go * math.sin(ahead), ahead)
-        yield pose
-        left -= 1
-
-
-def next_goal(world: World, pose: Pose2, rng: Generator) -> Pose2:
-    """A random place that a straight way leads to, rather a far one."""
-    best, farthest = pose, 0.0
-    for _ in range(200):
-        x, y = float(rng.uniform(0, world.plan.width)), float(rng.uniform(0, world.plan.depth))
-        away = math.hypot(x - pose.x, y - pose.y)
-        along = np.linspace(0.0, 1.0, 2 + int(away / 0.1))
-        clear = world.clearances(pose.x + along * (x - pose.x), pose.y + along * (y - pose.y))
-        if away > farthest * rng.uniform(0.5, 1.0) and (clear[1:] > WAY_CLEAR_M).all():
-            best, farthest = Pose2(x, y), away
-    return best
-
-
-def patrol(
-    config: RobotConfig, detectors: list[PanoramaDetector], targets: list[str], seconds: float, seeds: int
-) -> dict[str, list[dict[str, object]]]:
-    """Every time that something else was believed to be the target, and asked about, by detector."""
-    wrong: dict[str, list[dict[str, object]]] = {detector.name: [] for detector in detectors}
-    for detector in detectors:
-        if isinstance(detector.network, Blinkers):
-            detector.network.yaw = None
-    tours = list(itertools.product(range(1000, 1000 + seeds), LAYOUTS, targets))
-    for seed, world_name, target in tours:
-        world = build_world(world_name, seed, target)
-        item, renderer = world.target_object(), PanoramaRenderer(world)
-        watchers = {detector.name: Watcher(config, detector, target) for detector in detectors}
-        mistaken = dict.fromkeys(watchers, False)
-        poses = list(drive(world, np.random.default_rng(seed), seconds / len(tours), 1 / PICTURE_HZ))
-        for index, (pose, picture) in enumerate(zip(poses, photographed(renderer, poses), strict=True)):
-            for name, watcher in watchers.items():
-                stamp_ns = round((index + 1) / PICTURE_HZ * NS)
-                found, after = watcher.look(picture, pose, stamp_ns)
-                asked = watcher.asked(found, pose, stamp_ns, after.target_yaw)
-                is_wrong = after.target_yaw is not None and not at_target(item, pose, after.target_yaw)
-                if is_wrong and (asked or not mistaken[name]):
-                    where = {"x": round(pose.x, 2), "y": round(pose.y, 2), "yaw": round(pose.yaw, 2)}
-                    what = {
-                        "at": round(after.target_yaw or 0.0, 2),
-                        "score": round(after.target_score, 2),
-                        "asked": asked,
-                    }
-                    wrong[name].append({"world": world_name, "seed": seed, "target": target, **where, **what})
-                    print(name, wrong[name][-1], file=sys.stderr)
-                mistaken[name] = is_wrong
-        renderer.close()
-    return wrong
-
-
 def panorama_detector(name: str, config: RobotConfig) -> PanoramaDetector:
     """As the robot makes it, but with blinkers."""
     options = detector_options(config)
@@ -374,8 +273,6 @@ def main() -> None:
     parser.add_argument("--targets", nargs="+", default=list(TARGETS), choices=TARGETS)
     parser.add_argument("--seeds", type=int, default=8, help="worlds of each kind and target")
     parser.add_argument("--views", type=int, default=1, help="views per world and distance")
-    parser.add_argument("--patrol-s", type=float, default=0.0, help="simulated seconds of driving, over all worlds")
-    parser.add_argument("--patrol-seeds", type=int, default=4)
     parser.add_argument("--write", type=Path, help="where the table goes, ghal360_robot/simulation/data/recall.json")
     asked = parser.parse_args()
     cv2.setNumThreads(1)
@@ -384,10 +281,9 @@ def main() -> None:
     began = time.monotonic()
     seeds = range(100, 100 + asked.seeds)
     rows: list[Row] = []
-    for target in asked.targets if asked.seeds else []:
+    for target in asked.targets:
         rows += measure(config, detectors, target, seeds, asked.views)
         print(as_text([row for row in rows if row.name == target]), file=sys.stderr, flush=True)
-    wrong = patrol(config, detectors, asked.targets, asked.patrol_s, asked.patrol_seeds) if asked.patrol_s else {}
     print(as_text(rows))
     perception = config.perception.model_dump(
         mode="json", include={"plan", "score", "scores", "min_score", "believe", "memory_s"}
@@ -407,9 +303,6 @@ def main() -> None:
         asked.write.write_text(json.dumps(document, indent=1) + "\n", "utf-8")
     summary = {
         "within_limits": accepted(rows),
-        "patrol_s": asked.patrol_s,
-        "wrong_tracks": {name: sum(not event["asked"] for event in events) for name, events in wrong.items()},
-        "false_confirmations": {name: sum(bool(event["asked"]) for event in events) for name, events in wrong.items()},
         "config_hash": document["config_hash"],
         "seconds": round(time.monotonic() - began),
     }

@@ -13,6 +13,7 @@ from ghal360_robot.errors import UsageError
 from ghal360_robot.guidance.belief import DetectorModel
 from ghal360_robot.guidance.online import LearnedPolicy, Learning, OnlineLearner
 from ghal360_robot.guidance.policy import make_policy
+from ghal360_robot.guidance.questions import QuestionSettings
 from ghal360_robot.intent.controller import DriveSettings
 from ghal360_robot.intent.exact import ExactFilter
 from ghal360_robot.intent.particle import ParticleFilter
@@ -20,6 +21,7 @@ from ghal360_robot.intent.steering import SteeringSettings
 from ghal360_robot.intent.trigger import TriggerSettings
 from ghal360_robot.logbook.disk import Watermarks
 from ghal360_robot.logbook.settings import LiveSettings, RecorderSettings
+from ghal360_robot.perception.bearing_out import AskSettings
 from ghal360_robot.perception.detectors.base import DetectorOptions
 from ghal360_robot.perception.names import canonical
 from ghal360_robot.perception.panorama import CameraView
@@ -171,6 +173,18 @@ def track_settings(config: RobotConfig) -> TrackSettings:
         memory_s=memory_s,
         fading_s=2 * memory_s,
         camera=(camera.x, camera.y, camera.z),
+        asking=ask_settings(config),
+    )
+
+
+def ask_settings(config: RobotConfig) -> AskSettings:
+    """Which sightings bear a question out."""
+    g = config.guidance
+    return AskSettings(
+        score=g.ask_score,
+        score_class={canonical(name): value for name, value in g.ask_scores.items()},
+        sizes={canonical(name): bounds for name, bounds in g.sizes.items()},
+        camera_height=config.mounting.camera_z_m,
     )
 
 
@@ -207,6 +221,7 @@ def make_brain(config: RobotConfig, known: SavedPolicy | None = None) -> Brain:
         target=canonical(config.perception.target),
         policy=LearnedPolicy(known.q) if learned and known is not None else make_policy(guidance.policy),
         fusion=_fusion(config),
+        questions=QuestionSettings(guidance.no_after_s, guidance.again_m, guidance.again_s),
         act_on_belief=guidance.act_on == "belief",
         learner=learner,
         known=None if known is None else known.learnt,

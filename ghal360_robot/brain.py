@@ -7,23 +7,33 @@ simulated or replayed. World directions are those of the odometry frame.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ghal360_robot.angles import wrap
-from ghal360_robot.guidance.belief import DetectorModel, TargetBelief, in_focus, likely_wedge, look
+from ghal360_robot.guidance.belief import DetectorModel, TargetBelief, in_focus, likely_wedge, look, refused
 from ghal360_robot.guidance.cueing import CueSettings, CueState, step_cue
 from ghal360_robot.guidance.egocentric import CLUTTER, EMPTY, N_WEDGES, TARGET
 from ghal360_robot.guidance.online import Learnt, OnlineLearner, OnlineState
 from ghal360_robot.guidance.policy import NOTHING, Policy, make_policy
+from ghal360_robot.guidance.questions import Question, Questions, QuestionSettings, said_no, step_questions
 from ghal360_robot.intent.controller import DriveSettings, DriveState, step_drive
 from ghal360_robot.intent.exact import ExactFilter, IntentState
 from ghal360_robot.intent.head_motion import HeadSettings, HeadState, step_head
 from ghal360_robot.intent.particle import ParticleFilter
 from ghal360_robot.messages import STILL, Cue, Decision, Twist
-from ghal360_robot.perception.tracking import Standpoint, TrackSettings
-from ghal360_robot.perception.wedges import Scene, SceneState, reports, scene, step_scene
+from ghal360_robot.perception.tracking import Standpoint, TrackSettings, camera_at
+from ghal360_robot.perception.wedges import (
+    Refused,
+    Scene,
+    SceneState,
+    nothing_refused,
+    reports,
+    scene,
+    step_scene,
+)
 from ghal360_robot.trail import Trail
 
 if TYPE_CHECKING:
@@ -55,6 +65,8 @@ class BrainState:
     ignoring: tuple[int, int] | None = None
     """The intention that has been held since an instant (ns) while a left or right cue was shown."""
     target: TargetBelief = TargetBelief()
+    questions: Questions = Questions()
+    """What the operator is being asked about, and what they were asked about and did not confirm."""
     online: OnlineState | None = None
     """What is being learned from this operator; None before the first tick, and without a learner."""
     odometry_since_ns: int | None = None
@@ -76,6 +88,7 @@ class Brain:
     drive_while_guiding: bool = False
     fusion: DetectorModel | None = None
     """With it, the operator is asked to confirm only what the fused detections make nearly sure."""
+    questions: QuestionSettings = QuestionSettings()
     act_on_belief: bool = True
     """Arrows follow what they are worth over all wedges that the target may be in, not in the likeliest alone."""
     learner: OnlineLearner | None = None
@@ -95,6 +108,7 @@ class Brain:
         cue = step_cue(policy, self.cueing, state.cue, wedges, gaze, inputs.stamp_ns, belief)
         state = replace(state, cue=cue)
         cue = self._unless_unsure(state, cue, seen, inputs.stamp_ns)
+        state = self._hear(state, cue, seen, inputs)
         state = self._learn(replace(state, online=online), cue, inputs)
         state = replace(state, ignoring=self._ignoring(state, cue.cue, inputs.stamp_ns))
         state, wanted, reasons = self._want(state, inputs, gaze, cue.cue)
@@ -122,12 +136,22 @@ class Brain:
         remembered = step_scene(self.scene, state.scene, found, standpoint, inputs.stamp_ns)
         state = replace(state, scene=remembered)
         if self.fusion is not None and found is not None and self.target:
-            pose = standpoint.pose
-            seen = reports(self.scene, remembered, found, self.target, pose)
-            state = replace(state, target=look(self.fusion, state.target, seen, (pose.x, pose.y), found.stamp_ns))
+            state = replace(state, target=self._fused(self.fusion, state, standpoint))
         if not self.target:
             return state, NO_SCENE
-        return state, scene(self.scene, remembered, self.target, state.trail.at(inputs.stamp_ns))
+        return state, scene(self.scene, remembered, self.target, state.trail.at(inputs.stamp_ns), self._refused(state))
+
+    def _fused(self, fusion: DetectorModel, state: BrainState, standpoint: Standpoint) -> TargetBelief:
+        """Where the target is believed to be after the newest picture; one that was taken in already adds nothing."""
+        target, pose, stamp_ns = state.target, standpoint.pose, state.scene.stamp_ns
+        if stamp_ns is None or (target.look_ns is not None and stamp_ns <= target.look_ns):
+            return target
+        seen = reports(self.scene, state.scene, self.target, pose, self._refused(state))
+        return look(fusion, target, seen, (pose.x, pose.y), stamp_ns)
+
+    def _refused(self, state: BrainState) -> Refused:
+        noes = state.questions.noes
+        return partial(said_no, self.questions, noes) if noes else nothing_refused
 
     def _believed(self, target: TargetBelief, seen: Scene) -> tuple[tuple[int, ...], NDArray[np.float64] | None]:
         """The world's wedge values with the target where it is most likely, and how likely it is where.
@@ -174,7 +198,26 @@ class Brain:
             return cue
         bearing = None if seen.target_yaw is None else -wrap(seen.target_yaw + state.trail.at(now_ns).yaw)
         sure = in_focus(state.target, cue.head_wedge, bearing) >= self.fusion.sure
+        # The belief is of a wedge: what is asked about has to be the thing in it that was seen well.
+        since_ns = None if seen.well_seen_ns is None else now_ns - seen.well_seen_ns
+        sure = sure and since_ns is not None and since_ns <= self.fusion.fade_s * 1e9
         return cue if sure else replace(cue, advice=NOTHING)
+
+    def _hear(self, state: BrainState, cue: CueState, seen: Scene, inputs: Inputs) -> BrainState:
+        """The operator's silence, where they are asked about what they have in view."""
+        question, operator = None, inputs.operator
+        if cue.cue is Cue.CONFIRM and seen.target_yaw is not None:
+            pose = state.trail.at(inputs.stamp_ns)
+            camera = camera_at(pose, self.scene.camera)
+            question = Question(wrap(seen.target_yaw + pose.yaw), camera, seen.target_place)
+        base_yaw = 0.0 if operator is None else state.trail.at(operator.stamp_ns).yaw
+        before = state.questions
+        questions, no = step_questions(self.questions, before, question, operator, base_yaw, inputs.stamp_ns)
+        if questions is not before:
+            state = replace(state, questions=questions)
+        if no and question is not None and self.fusion is not None:
+            state = replace(state, target=refused(self.fusion, state.target, -question.yaw))
+        return state
 
     def _learn(self, state: BrainState, cue: CueState, inputs: Inputs) -> BrainState:
         if self.learner is None or state.online is None:

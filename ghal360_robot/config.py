@@ -30,6 +30,9 @@ BodyBox = tuple[
     Annotated[float, Field(gt=0, le=180, allow_inf_nan=False)],
 ]
 """Yaw and pitch of its centre in the base frame, width and height, degrees."""
+Length = Annotated[float, Field(gt=0, le=20, allow_inf_nan=False)]
+SizeBounds = tuple[Length, Length]
+"""Metres, at least and at most."""
 
 
 class _Section(BaseModel):
@@ -156,6 +159,24 @@ class GuidanceSection(_Section):
     sure: float = Field(
         0.97, ge=0, lt=1, description="Belief in the target from which the operator is asked to confirm; 0: ask at once"
     )
+    ask_score: float = Field(
+        0.45, ge=0, le=1, description="Score from which a sighting of the target bears a question out; 0: any"
+    )
+    ask_scores: dict[ClassName, Share] = Field(
+        {"backpack": 0.23, "bottle": 0.3, "laptop": 0.35},
+        max_length=80,
+        description="The same by class: half again the score it is reported from, or more",
+    )
+    sizes: dict[ClassName, SizeBounds] = Field(
+        {"backpack": (0.25, 0.8), "bottle": (0.1, 0.5), "laptop": (0.2, 0.6), "television": (0.45, 2.5)},
+        max_length=80,
+        description="Metres of the longer side, at least and at most, at the lidar's range: else it is not asked about",
+    )
+    no_after_s: float = Field(
+        4.0, ge=0, le=60, description="An operator asked so long who sees it and is silent says no; 0: silence is none"
+    )
+    again_m: Length = Field(1.5, description="What they said no to is asked about again from so far away")
+    again_s: float = Field(120.0, gt=0, le=3600, description="... or after so long")
     arrow: Literal["wedges", "continuous"] = Field(
         "wedges", description="continuous: the page also points exactly at the target from the start (key B toggles)"
     )
@@ -168,6 +189,9 @@ class GuidanceSection(_Section):
     def _coherent(self) -> GuidanceSection:
         if self.hit_rate <= self.false_rate:
             raise ValueError("hit_rate has to be above false_rate, or a report of the target would speak against it")
+        for name, (least, most) in self.sizes.items():
+            if least > most:
+                raise ValueError(f"the least size of a {name} ({least:g} m) is more than its most ({most:g} m)")
         return self
 
 

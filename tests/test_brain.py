@@ -86,6 +86,39 @@ def test_the_operator_is_asked_to_confirm_only_what_many_pictures_bear_out(brain
     assert think(at_once, [tick(0, target_yaw=0.1)])[0].cue is Cue.CONFIRM
 
 
+def test_an_operator_asked_for_four_seconds_who_says_nothing_is_not_asked_again(brain: Brain) -> None:
+    ticks = [tick(n, target_yaw=0.1) for n in range(1500)]
+    out = think(brain, ticks)
+    asked = [n for n, d in enumerate(out) if d.cue is Cue.CONFIRM]
+    assert len(asked) * TICK_NS == pytest.approx(4e9, rel=0.02)
+    assert asked == list(range(asked[0], asked[-1] + 1))
+    assert {d.cue for d in out[asked[-1] + 1 :]} == {Cue.NONE}
+    assert out[-1].target_yaw is None
+    assert out[-1].target_chances[0] < 0.1
+
+
+def test_after_a_no_another_thing_of_the_kind_is_pointed_at_and_asked_about(brain: Brain) -> None:
+    ticks = [tick(n, target_yaw=0.1) for n in range(400)]
+    for n in range(400, 800):
+        found = tuple(Detection("bottle", 0.9, yaw, 0.0, 0.1, 0.1) for yaw in (0.1, 1.6))
+        detections = Detections(n * TICK_NS, n, "test", found)
+        ticks.append(replace(tick(n, head_yaw=0.0 if n < 600 else 1.6), detections=detections))
+    out = think(brain, ticks)
+    assert Cue.LEFT in {d.cue for d in out[400:600]}
+    assert out[-1].cue is Cue.CONFIRM
+    assert out[-1].target_yaw == pytest.approx(1.6)
+
+
+def test_weak_sightings_are_pointed_at_and_not_asked_about(brain: Brain) -> None:
+    """A bottle is reported from 0.2 on, and asked about from 0.3 on."""
+    out: dict[tuple[float, float], set[Cue]] = {}
+    for score, yaw in ((0.25, 0.1), (0.25, 1.6), (0.35, 0.1)):
+        found = Detection("bottle", score, yaw, 0.0, 0.1, 0.1)
+        ticks = [replace(tick(n), detections=Detections(n * TICK_NS, n, "test", (found,))) for n in range(300)]
+        out[score, yaw] = {decision.cue for decision in think(brain, ticks)}
+    assert out == {(0.25, 0.1): {Cue.NONE}, (0.25, 1.6): {Cue.NONE, Cue.LEFT}, (0.35, 0.1): {Cue.NONE, Cue.CONFIRM}}
+
+
 def seen_at(n: int, *yaws: float) -> Inputs:
     """Tick `n` with a picture every tenth tick that reports the target at these yaws."""
     taken = n - n % 10

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from ghal360_robot.simulation.world import World
 
 PLANNER = "GHAL360+"
-STACK_VERSION = 3
+STACK_VERSION = 4
 """Raised when the same trial would go otherwise: kept ones of older versions are driven again."""
 COMPARED = 12
 """Trials that RLGS and GHAL360 drive as well: they mostly search until the limit, which costs minutes."""

@@ -1,19 +1,20 @@
 """Where the target may be, from detections that miss and invent: Bayes over eight wedges and "not in view".
 
-Detections of neighbouring pictures say nearly the same thing, so an update is tempered by the time since
-the last one. Guidance acts on the expectation of its values over the belief, and asks to confirm only
-where it is nearly sure. Arrays may have any leading shape, so that thousands of searches share a call.
+Detections of neighbouring pictures say nearly the same thing, so an update is tempered by the time since the last one;
+and a detector that is mistaken about a thing is so in every picture from the same place, so all of those together count
+little more than it takes to be sure. Guidance acts on the expectation of its values over the belief, and asks to
+confirm only where it is nearly sure. Arrays may have any leading shape, so that thousands of searches share a call.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ghal360_robot.guidance.egocentric import CLUTTER, N_WEDGES, TARGET, WEDGE_WIDTH, decode
+from ghal360_robot.guidance.egocentric import CLUTTER, N_WEDGES, TARGET, WEDGE_WIDTH, decode, wedge_of
 from ghal360_robot.guidance.mdp import CONFIRM, LEFT, N_CLUTTER, RIGHT
 from ghal360_robot.guidance.planning import greedy
 
@@ -24,6 +25,13 @@ BORDER = math.radians(10)
 NOT_IN_VIEW = N_WEDGES
 DIGITS = 9
 """After the point, of what goes into a recording: processors differ in the last digits of exp() and of sums."""
+SAME_VIEW_M = 0.5
+"""A detector that takes one thing for another does so again until it looks from elsewhere: a step, or a tenth of the
+distance at which small things are known."""
+BEYOND_SURE = 2.0
+"""Log-odds. A single miss (1.6) after many hits takes no question back, two or three do."""
+NO_FOR = 3.0
+"""Log-odds taken from a wedge by a question without an answer: one of twenty who see the target does not say so."""
 WAIT = 3
 """Beside LEFT, RIGHT, CONFIRM: show nothing and look again."""
 
@@ -60,6 +68,12 @@ class DetectorModel:
         each = self.prior_in_view / N_WEDGES
         return np.array([each] * N_WEDGES + [1 - self.prior_in_view])
 
+    @property
+    def same_view(self) -> float:
+        """Log-odds that all looks from one place together are worth: from nothing known to sure, and a little more."""
+        nothing = (1 - self.prior_in_view) * N_WEDGES / self.prior_in_view
+        return max(math.log(self.sure / (1 - self.sure) * nothing), 0.0) + BEYOND_SURE
+
 
 def predict(
     model: DetectorModel, belief: NDArray[np.float64], dt_s: float, moved_m: float = 0.0
@@ -79,13 +93,23 @@ def update(
 ) -> NDArray[np.float64]:
     """(..., 9) the belief after a look that reported the target in the wedges `seen` (..., 8).
 
-    NaN says that the target would not be reported there anyhow, as something hides it. `dt_s` is the time since the
-    last look; after `correlation_s` it counts as a whole look of its own.
+    NaN says nothing about a wedge: what hides it would keep the target from being reported, or the report is too weak.
+    `dt_s` is the time since the last look; after `correlation_s` it counts as a whole look of its own.
     """
+    return _weighed(belief, _log_odds(model, seen, dt_s))
+
+
+def _log_odds(model: DetectorModel, seen: NDArray[np.floating | np.bool_], dt_s: float) -> NDArray[np.float64]:
+    """(..., 8) by how much a look speaks for each wedge."""
     weight = min(max(dt_s, 0.0) / model.correlation_s, 1.0)
     hit = weight * math.log(model.hit_rate / model.false_rate)
     miss = weight * math.log((1 - model.hit_rate) / (1 - model.false_rate))
-    odds = np.exp(np.nan_to_num(miss + (hit - miss) * seen))
+    log_odds: NDArray[np.float64] = np.nan_to_num(miss + (hit - miss) * seen)
+    return log_odds
+
+
+def _weighed(belief: NDArray[np.float64], log_odds: NDArray[np.float64]) -> NDArray[np.float64]:
+    odds = np.exp(log_odds)
     weighed = np.concatenate([belief[..., :NOT_IN_VIEW] * odds, belief[..., NOT_IN_VIEW:]], axis=-1)
     after: NDArray[np.float64] = weighed / weighed.sum(axis=-1, keepdims=True)
     return after
@@ -160,6 +184,12 @@ class TargetBelief:
     look_ns: int | None = None
     at: tuple[float, float] = (0.0, 0.0)
     """Where the robot was at the last look, metres in the odometry frame."""
+    view_at: tuple[float, float] = (0.0, 0.0)
+    """Where the looks began that count as from one place."""
+    view: tuple[float, ...] = (0.0,) * N_WEDGES
+    """(8,) log-odds that these looks gave each wedge."""
+    before: tuple[float, ...] = ()
+    """(9,) what was believed before them, as far as it is not forgotten."""
 
 
 def look(
@@ -167,15 +197,43 @@ def look(
 ) -> TargetBelief:
     """The belief after a picture taken at `at` that reports the target as `seen` (8,), see `update`.
 
-    A picture not newer than the last changes nothing.
+    A picture not newer than the last changes nothing. Looks from within `SAME_VIEW_M` together give no wedge more than
+    `same_view`, for or against; those from elsewhere are forgotten in time.
     """
-    if belief.look_ns is not None and stamp_ns <= belief.look_ns:
+    if belief.chances is None or belief.look_ns is None:
+        belief = TargetBelief(None, None, at, at, before=tuple(model.prior.tolist()))
+        dt_s = model.correlation_s
+    elif stamp_ns <= belief.look_ns:
         return belief
-    dt_s = model.correlation_s if belief.look_ns is None else (stamp_ns - belief.look_ns) / 1e9
-    chances = model.prior if belief.chances is None else np.array(belief.chances)
-    moved_m = math.dist(at, belief.at) if belief.chances is not None else 0.0
-    after = update(model, predict(model, chances, dt_s, moved_m), np.array(seen), dt_s)
-    return TargetBelief(tuple(np.round(after, DIGITS).tolist()), stamp_ns, at)
+    else:
+        dt_s = (stamp_ns - belief.look_ns) / 1e9
+        if math.dist(at, belief.view_at) > SAME_VIEW_M:
+            belief = replace(belief, view_at=at, view=(0.0,) * N_WEDGES, before=belief.chances)
+    before = predict(model, np.array(belief.before), dt_s, math.dist(at, belief.at))
+    view = np.clip(np.array(belief.view) + _log_odds(model, np.array(seen), dt_s), -model.same_view, model.same_view)
+    return TargetBelief(
+        _written(_weighed(before, view)), stamp_ns, at, belief.view_at, _written(view), _written(before)
+    )
+
+
+def refused(model: DetectorModel, belief: TargetBelief, bearing: float) -> TargetBelief:
+    """The belief after an operator did not say "found" to a thing at this clockwise bearing of the world.
+
+    Whatever spoke for its wedge was that thing, which is not the target; so it is worth less than an unseen one.
+    """
+    if belief.chances is None:
+        return belief
+    view, before = np.array(belief.view), np.array(belief.before)
+    for wedge in {wedge_of(bearing - BORDER), wedge_of(bearing + BORDER)}:
+        view[wedge] = -NO_FOR
+        unfounded = max(before[wedge] - model.prior[wedge], 0.0)
+        before[wedge] -= unfounded
+        before[NOT_IN_VIEW] += unfounded
+    return replace(belief, chances=_written(_weighed(before, view)), view=_written(view), before=_written(before))
+
+
+def _written(values: NDArray[np.float64]) -> tuple[float, ...]:
+    return tuple(np.round(values, DIGITS).tolist())
 
 
 def in_focus(belief: TargetBelief, head_wedge: int, bearing: float | None) -> float:

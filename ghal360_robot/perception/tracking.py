@@ -16,6 +16,7 @@ import numpy as np
 
 from ghal360_robot.angles import wrap
 from ghal360_robot.frames import place_of
+from ghal360_robot.perception.bearing_out import AskSettings
 from ghal360_robot.perception.names import canonical
 from ghal360_robot.perception.place import Place
 
@@ -55,6 +56,8 @@ class TrackSettings:
     """rad (15 degrees). Within this, the same class is the same object: 0.5 m of driving past it at 2 m."""
     camera: tuple[float, float, float] = (0.0, 0.0, 1.2)
     """The camera's place in the base frame, m."""
+    asking: AskSettings = AskSettings()
+    """Which sightings are good enough for a question to the operator."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +76,8 @@ class Remembered:
     sightings: int = 1
     hidden: bool = False
     """Something stands in front of it."""
+    well_seen_ns: int | None = None
+    """When it was last seen well enough to be asked about."""
     place: Place = Place()
 
     def position(self) -> tuple[float, float] | None:
@@ -140,7 +145,11 @@ def step_objects(
             continue  # two boxes on one object: the better one counts
         close = [item for item in left if item.name == name and _near(settings, item, yaw, found.pitch, camera)]
         old = min(close, key=lambda item: abs(wrap(item.yaw_from(camera) - yaw)), default=None)
-        seen.append(_sighted(settings, old, found, name, yaw, camera, returns.along(yaw), detections.stamp_ns))
+        range_m = returns.along(yaw)
+        well = settings.asking.bears_out(name, found, range_m, measurable=standpoint.surroundings is not None)
+        item = _sighted(settings, old, found, name, yaw, camera, range_m, detections.stamp_ns)
+        before_ns = None if old is None else old.well_seen_ns
+        seen.append(replace(item, well_seen_ns=detections.stamp_ns if well else before_ns))
         left = [item for item in left if item not in close]
     missed = [_missed(item, camera, returns, detections.stamp_ns) for item in left]
     return (*seen, *missed)[:MAX_REMEMBERED]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -20,6 +22,7 @@ from ghal360_robot.guidance.belief import (
     likely_wedge,
     look,
     predict,
+    refused,
     turned,
     update,
 )
@@ -169,6 +172,68 @@ def test_the_same_picture_is_looked_at_once() -> None:
     seen = (0.0, 1.0, *(0.0,) * 6)
     once = look(MODEL, TargetBelief(), seen, (0.0, 0.0), 1)
     assert look(MODEL, once, seen, (1.0, 0.0), 1) is once
+
+
+REPORTED = (0.0, 1.0, *(0.0,) * 6)
+ABSENT = (0.0,) * 8
+
+
+def watched(seen: tuple[float, ...], looks: int, belief: TargetBelief, step_m: float = 0.0) -> TargetBelief:
+    """The belief after so many more looks, half a second and `step_m` apart."""
+    for _ in range(looks):
+        stamp_ns = (belief.look_ns or 0) + round(LOOK_S * 1e9)
+        belief = look(MODEL, belief, seen, (belief.at[0] + step_m, 0.0), stamp_ns)
+    return belief
+
+
+def chance(belief: TargetBelief, wedge: int = 1) -> float:
+    assert belief.chances is not None
+    return belief.chances[wedge]
+
+
+def test_looks_from_one_place_make_nearly_sure_and_no_surer_however_many_they_are() -> None:
+    few, many = (watched(REPORTED, looks, TargetBelief()) for looks in (4, 400))
+    assert SURE < chance(few) < 0.999
+    assert SURE < chance(many) < 0.999
+    assert chance(watched(ABSENT, 1, many)) >= SURE
+    assert chance(watched(ABSENT, 4, many)) < 0.5
+
+
+def test_looks_from_elsewhere_count_anew() -> None:
+    there = watched(REPORTED, 20, TargetBelief())
+    assert chance(watched(REPORTED, 4, there, step_m=0.3)) > chance(watched(REPORTED, 4, there)) + 0.001
+    shuffled = watched(REPORTED, 40, there, step_m=0.0)
+    assert chance(shuffled) == pytest.approx(chance(there), abs=0.002)
+
+
+def test_what_was_seen_from_elsewhere_is_forgotten_what_is_seen_from_here_is_not() -> None:
+    there = watched(REPORTED, 20, TargetBelief())
+    silent = (math.nan,) * 8
+    here = watched(silent, 200, look(MODEL, there, silent, (1.0, 0.0), (there.look_ns or 0) + 1))
+    assert chance(here) == pytest.approx(MODEL.prior[1], abs=0.01)
+    assert chance(watched(silent, 200, there)) >= SURE
+
+
+def test_a_no_takes_back_all_that_spoke_for_what_was_asked_about() -> None:
+    sure = watched(REPORTED, 8, TargetBelief(), step_m=0.3)
+    after = refused(MODEL, sure, math.pi / 4)
+    assert chance(sure) > 0.999
+    assert chance(after) < MODEL.prior[1]
+    assert sum(after.chances or ()) == pytest.approx(1)
+    # One beside a border may have been reported on either side of it.
+    border = refused(MODEL, watched((1.0, 1.0, *(0.0,) * 6), 8, TargetBelief()), math.pi / 8)
+    assert max(chance(border, wedge) for wedge in range(8)) < MODEL.prior[1]
+    assert refused(MODEL, TargetBelief(), 0.0) == TargetBelief()
+
+
+@given(st.floats(1e-9, 0.999), st.floats(0.01, 0.99))
+def test_one_place_can_make_sure_whatever_that_means(sure: float, prior: float) -> None:
+    model = DetectorModel(sure=sure, prior_in_view=prior)
+    assert model.same_view > 0
+    belief = TargetBelief()
+    for n in range(30):
+        belief = look(model, belief, REPORTED, (0.0, 0.0), 1 + n * round(LOOK_S * 1e9))
+    assert chance(belief) >= sure
 
 
 def test_many_searches_share_a_call() -> None:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import isnan, pi, radians
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from ghal360_robot.angles import wrap
 from ghal360_robot.guidance.egocentric import BOTH, CLUTTER, TARGET, wedge_of
-from ghal360_robot.messages import Detection, Detections, Pose2
+from ghal360_robot.messages import Detection, Detections, Pose2, Surroundings
+from ghal360_robot.perception.bearing_out import AskSettings
 from ghal360_robot.perception.sphere import angular_distance
 from ghal360_robot.perception.tracking import Remembered, Standpoint, TrackSettings
 from ghal360_robot.perception.wedges import Scene, SceneState, reports, scene, step_scene
@@ -181,15 +184,81 @@ def test_the_state_is_total_and_turns_with_the_gaze(objects: list[tuple[str, flo
     assert all(value in (0, CLUTTER, TARGET, BOTH) for value in values)
 
 
-def test_a_picture_reports_the_target_at_any_score_and_says_nothing_of_a_hidden_one() -> None:
-    pose = Pose2(0.0, 0.0, pi / 2)
-    found = seen(0, ("bin", 0, 0.3), ("bin", 5, 0.2), ("vase", 90, 0.9))
-    strengths = reports(SETTINGS, SceneState(), found, "bin", pose)
-    assert strengths == (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
-    hidden = Remembered("bin", 0.9, -pi / 2, 0.0, 0, evidence=1.0, believed=True, hidden=True)
-    behind = reports(SETTINGS, SceneState((hidden,)), found, "bin", pose)
+LEFTWARD = Pose2(0.0, 0.0, pi / 2)
+
+
+def asking(score: float, **sizes: tuple[float, float]) -> TrackSettings:
+    return TrackSettings(asking=AskSettings(score=score, sizes=sizes))
+
+
+def test_a_picture_reports_the_target_and_says_nothing_of_a_hidden_one() -> None:
+    state = look(("bin", 0, 0.6), ("bin", 5, 0.5), ("vase", 90, 0.9), base_yaw=pi / 2)
+    assert reports(SETTINGS, state, "bin", LEFTWARD) == (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+    hidden = Remembered("bin", 0.9, -pi / 2, 0.0, -1, evidence=1.0, believed=True, hidden=True)
+    behind = reports(SETTINGS, replace(state, objects=(*state.objects, hidden)), "bin", LEFTWARD)
     assert isnan(behind[2])
     assert behind[6] == 1.0
+
+
+def test_a_report_too_weak_to_be_asked_about_says_nothing_and_spoils_no_strong_one() -> None:
+    def report(*objects: tuple[str, float, float]) -> tuple[float, ...]:
+        state = step_scene(asking(0.25), SceneState(), seen(0, *objects), Standpoint(LEFTWARD), 0)
+        return reports(asking(0.25), state, "bin", LEFTWARD)
+
+    weak = report(("bin", 0, 0.2))
+    assert isnan(weak[6])
+    assert sum(value == 0.0 for value in weak) == 7
+    assert report(("bin", -9, 0.2), ("bin", 9, 0.3))[6] == 1.0
+    assert report(("bin", -9, 0.3), ("bin", 9, 0.2))[6] == 1.0
+
+
+def test_a_thing_is_measured_by_what_the_lidar_meets_and_waits_where_it_meets_nothing() -> None:
+    """A thing of 0.1 rad is 0.15 m wide at 1.5 m, 0.3 m at 3 m."""
+    settings, ahead = asking(0.25, bin=(0.25, 0.45)), np.linspace(-0.1, 0.1, 21)
+    picture = seen(0, ("bin", 0, 0.3))
+
+    def report(range_m: float, yaw: float = 0.0) -> float:
+        points = range_m * np.column_stack((np.cos(ahead + yaw), np.sin(ahead + yaw)))
+        nothing = np.empty(0, np.float32)
+        scan = Surroundings(0, points, np.arange(len(points)), np.empty(0), nothing, nothing)
+        state = step_scene(settings, SceneState(), picture, Standpoint(Pose2(), scan, Pose2()), 0)
+        return reports(settings, state, "bin", Pose2())[0]
+
+    assert report(3.0) == 1.0
+    assert isnan(report(1.5))
+    assert isnan(report(3.0, yaw=pi))
+    state = step_scene(settings, SceneState(), picture, Standpoint(Pose2()), 0)
+    assert reports(settings, state, "bin", Pose2())[0] == 1.0  # a robot without a lidar
+
+
+def test_of_two_in_a_picture_the_one_seen_well_is_the_target_and_tells_when() -> None:
+    settings = TrackSettings(asking=AskSettings(sizes={"bin": (0.05, 0.2)}))
+    found = seen(0, ("bin", 90, 0.8), ("bin", -90, 0.9))
+    large = replace(found.objects[1], width=0.5)
+    around = np.column_stack((np.zeros(2), np.array([1.0, -1.0])))
+    nothing = np.empty(0, np.float32)
+    scan = Surroundings(0, around, np.arange(2), np.empty(0), nothing, nothing)
+    standpoint = Standpoint(Pose2(), scan, Pose2())
+    both = step_scene(
+        settings, SceneState(), replace(found, objects=(found.objects[0], replace(large, pitch=-0.8))), standpoint, 0
+    )
+    view = scene(settings, both, "bin", Pose2())
+    assert view.target_yaw == pytest.approx(pi / 2)
+    assert view.well_seen_ns == 0
+    later = step_scene(settings, both, seen(500, ("bin", 90, 0.3)), standpoint, 500 * MS)
+    assert scene(settings, later, "bin", Pose2()).well_seen_ns == 0
+
+
+def test_what_the_operator_refused_is_clutter_and_not_reported() -> None:
+    state = look(("bin", 90, 0.9), ("bin", 0, 0.8))
+
+    def refused(yaw: float, _camera: object, _place: object) -> bool:
+        return abs(yaw - pi / 2) < 0.1
+
+    view = scene(SETTINGS, state, "bin", Pose2(), refused)
+    assert view.allocentric == (TARGET, 0, 0, 0, 0, 0, CLUTTER, 0)
+    assert view.target_yaw == pytest.approx(0.0)
+    assert reports(SETTINGS, state, "bin", Pose2(), refused) == (1.0, *(0.0,) * 7)
 
 
 def test_synonyms_name_one_target() -> None:
