@@ -104,7 +104,7 @@ class Brain:
         gaze = _gaze(state.trail, inputs)
         state = self._follow_head(state, inputs, gaze)
         policy, online = self._policy(state)
-        wedges, belief = self._believed(state.target, seen)
+        wedges, belief = self._believed(state.target, seen, inputs.stamp_ns)
         cue = step_cue(policy, self.cueing, state.cue, wedges, gaze, inputs.stamp_ns, belief)
         state = replace(state, cue=cue)
         cue = self._unless_unsure(state, cue, seen, inputs.stamp_ns)
@@ -153,20 +153,32 @@ class Brain:
         noes = state.questions.noes
         return partial(said_no, self.questions, noes) if noes else nothing_refused
 
-    def _believed(self, target: TargetBelief, seen: Scene) -> tuple[tuple[int, ...], NDArray[np.float64] | None]:
+    def _believed(
+        self, target: TargetBelief, seen: Scene, now_ns: int
+    ) -> tuple[tuple[int, ...], NDArray[np.float64] | None]:
         """The world's wedge values with the target where it is most likely, and how likely it is where.
 
-        While the pictures speak against every wedge, what is still tracked counts: seen seldom, or hidden just now.
+        While the pictures speak against every wedge, what is still tracked counts if it was seen well: seldom since, or
+        hidden just now. What was never seen well is not pointed at either: an operator who was turned to it and then
+        not asked about it would be turned to it again and again.
         """
-        if self.fusion is None or not self.act_on_belief or target.chances is None:
+        if self.fusion is None or target.chances is None:
             return seen.allocentric, None
+        clutter = tuple(value & CLUTTER for value in seen.allocentric)
+        known = seen.allocentric if self._well_seen(self.fusion, seen, now_ns) else clutter
+        if not self.act_on_belief:
+            return known, None
         chances = np.array(target.chances)
         likely = likely_wedge(chances)
         if likely is None:
-            return seen.allocentric, None
-        values = [value & CLUTTER for value in seen.allocentric]
+            return known, None
+        values = list(clutter)
         values[likely] |= TARGET
         return tuple(values), chances
+
+    def _well_seen(self, fusion: DetectorModel, seen: Scene, now_ns: int) -> bool:
+        """Whether the thing tracked as the target was seen well enough to be asked about, not too long ago."""
+        return seen.well_seen_ns is not None and now_ns - seen.well_seen_ns <= fusion.fade_s * 1e9
 
     def _follow_head(self, state: BrainState, inputs: Inputs, gaze: float) -> BrainState:
         """Head motion to belief; only an armed robot has anything to infer an intention for."""
@@ -199,8 +211,7 @@ class Brain:
         bearing = None if seen.target_yaw is None else -wrap(seen.target_yaw + state.trail.at(now_ns).yaw)
         sure = in_focus(state.target, cue.head_wedge, bearing) >= self.fusion.sure
         # The belief is of a wedge: what is asked about has to be the thing in it that was seen well.
-        since_ns = None if seen.well_seen_ns is None else now_ns - seen.well_seen_ns
-        sure = sure and since_ns is not None and since_ns <= self.fusion.fade_s * 1e9
+        sure = sure and self._well_seen(self.fusion, seen, now_ns)
         return cue if sure else replace(cue, advice=NOTHING)
 
     def _hear(self, state: BrainState, cue: CueState, seen: Scene, inputs: Inputs) -> BrainState:

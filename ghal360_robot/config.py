@@ -168,7 +168,7 @@ class GuidanceSection(_Section):
         description="The same by class: half again the score it is reported from, or more",
     )
     sizes: dict[ClassName, SizeBounds] = Field(
-        {"backpack": (0.25, 0.8), "bottle": (0.1, 0.5), "laptop": (0.2, 0.6), "television": (0.45, 2.5)},
+        {"backpack": (0.05, 0.8), "bottle": (0.03, 0.5), "laptop": (0.05, 0.6), "television": (0.45, 2.5)},
         max_length=80,
         description="Metres of the longer side, at least and at most, at the lidar's range: else it is not asked about",
     )

@@ -109,14 +109,16 @@ def test_after_a_no_another_thing_of_the_kind_is_pointed_at_and_asked_about(brai
     assert out[-1].target_yaw == pytest.approx(1.6)
 
 
-def test_weak_sightings_are_pointed_at_and_not_asked_about(brain: Brain) -> None:
+def test_weak_sightings_are_neither_pointed_at_nor_asked_about(brain: Brain) -> None:
     """A bottle is reported from 0.2 on, and asked about from 0.3 on."""
     out: dict[tuple[float, float], set[Cue]] = {}
-    for score, yaw in ((0.25, 0.1), (0.25, 1.6), (0.35, 0.1)):
+    for score, yaw in ((0.25, 0.1), (0.25, 1.6), (0.35, 0.1), (0.35, 1.6)):
         found = Detection("bottle", score, yaw, 0.0, 0.1, 0.1)
         ticks = [replace(tick(n), detections=Detections(n * TICK_NS, n, "test", (found,))) for n in range(300)]
         out[score, yaw] = {decision.cue for decision in think(brain, ticks)}
-    assert out == {(0.25, 0.1): {Cue.NONE}, (0.25, 1.6): {Cue.NONE, Cue.LEFT}, (0.35, 0.1): {Cue.NONE, Cue.CONFIRM}}
+    assert out[0.25, 0.1] == out[0.25, 1.6] == {Cue.NONE}
+    assert Cue.CONFIRM in out[0.35, 0.1]
+    assert Cue.LEFT in out[0.35, 1.6]
 
 
 def seen_at(n: int, *yaws: float) -> Inputs:
