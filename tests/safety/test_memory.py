@@ -113,6 +113,27 @@ def test_somebody_seen_moving_only_once_is_braked_for_until_the_next_scan_tells(
     assert seen.someone_ns is None
 
 
+def test_finding_out_who_moves_changes_nothing_of_what_a_scan_says_about_the_way_ahead() -> None:
+    covered, silent = np.full(811, 2.0), np.full(811, 2.0)
+    covered[100:711] = silent[370:440] = np.nan
+    for ranges in (covered, silent):
+        scenes = [after(*[at(5, Pose2(), ranges=ranges)] * ticks).scene for ticks in (1, 2, 3)]
+        said = {(scene.fault, scene.blind_ahead, scene.silent_ahead) for scene in scenes if scene is not None}
+        assert len(said) == 1
+        (_, blind_ahead, silent_ahead) = said.pop()
+        assert bool(blind_ahead) is (ranges is covered)
+        assert bool(silent_ahead) is (ranges is silent)
+
+
+def test_only_the_newest_scan_tells_who_is_gone() -> None:
+    gone = Memory(people=(Person(1.5, 0.0, 5, 5, 2),))
+    for newest, left in ((3.0, 0), (0.8, 1)):
+        ticks = [at(2 * SECOND + k, Pose2(), ranges=3.0) for k in (0, 1)]
+        ticks += [at(2 * SECOND + 2, Pose2(), ranges=newest)] * 3
+        once = after(*ticks[2:], memory=replace(gone, looks=after(*ticks[:2]).looks))
+        assert len(once.people) == left
+
+
 def test_each_scan_is_taken_in_once_and_the_number_kept_is_bounded() -> None:
     tick = at(5, Pose2(), ranges=2.0)
     memory = after(tick, tick, tick)

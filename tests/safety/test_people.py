@@ -126,6 +126,17 @@ def test_who_is_told_to_walk_matters_from_that_very_scan_on() -> None:
     assert memory.someone_ns == memory.scene.stamp_ns
 
 
+def test_who_seems_to_move_matters_from_that_very_scan_on() -> None:
+    walk = Walk(3, NONE, legs_from(1.5, 2.6, 0.0, -1.2, 0.0), Twist())
+    while not (memory := walk.step()).people:
+        assert memory.scene is not None
+        assert memory.scene.walking == len(memory.scene.points)
+    assert memory.scene is not None
+    assert [person.confirmed for person in memory.people] == [False]
+    assert len(memory.scene.points) > memory.scene.walking
+    assert memory.someone_ns is None
+
+
 def test_who_strolls_is_seen_within_half_a_second_and_who_walks_on_stays_seen() -> None:
     walk = Walk(4, NONE, legs_from(1.5, 2.5, 0.0, -0.3, 0.0), Twist())
     seen = [bool(confirmed(walk.step())) for _ in range(75)]
