@@ -1,6 +1,6 @@
 """Which sightings bear out a question to the operator: strong ones, of things that measure what they should. Pure.
 
-A weak sighting is enough to remember a thing and to point at it, as from nearer it will be known better; asked about
+A weak sighting is enough to remember a thing, as from nearer it will be known better; pointed at and asked about
 is only what was seen well. How large a thing is follows from the angle it covers and the lidar's range below it.
 """
 
