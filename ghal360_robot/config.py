@@ -163,9 +163,9 @@ class GuidanceSection(_Section):
         0.45, ge=0, le=1, description="Score from which a sighting of the target bears a question out; 0: any"
     )
     ask_scores: dict[ClassName, Share] = Field(
-        {"backpack": 0.23, "bottle": 0.3, "laptop": 0.35},
+        {"backpack": 0.23, "bottle": 0.3},
         max_length=80,
-        description="The same by class: half again the score it is reported from, or more",
+        description="The same by class: half again the score it is reported from",
     )
     sizes: dict[ClassName, SizeBounds] = Field(
         {"backpack": (0.05, 0.8), "bottle": (0.03, 0.5), "laptop": (0.05, 0.6), "television": (0.45, 2.5)},
