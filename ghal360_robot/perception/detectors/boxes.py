@@ -23,21 +23,12 @@ class Boxes(NamedTuple):
     """(n,) index into the network's `class_names`."""
 
 
-def overlap(a: Floats, b: Floats) -> Floats:
-    """(n, m) intersection over union of boxes (n, 4) and (m, 4)."""
-    low = np.maximum(a[:, None, :2], b[None, :, :2])
-    high = np.minimum(a[:, None, 2:], b[None, :, 2:])
-    common = np.prod(np.clip(high - low, 0, None), axis=2)
-    area_a, area_b = (np.prod(np.clip(x[:, 2:] - x[:, :2], 0, None), axis=1) for x in (a, b))
-    union = area_a[:, None] + area_b[None, :] - common
-    shares: Floats = np.where(union > 0, common / np.maximum(union, 1e-9), 0).astype(np.float32)
-    return shares
-
-
 def suppress(boxes: Boxes, threshold: float, limit: int) -> Boxes:
     """The best `limit` boxes, without those that overlap a better one of their class by more than `threshold`."""
     order = np.argsort(-boxes.score, kind="stable")
     xyxy, score, kind = boxes.xyxy[order], boxes.score[order], boxes.kind[order]
+    left, top, right, bottom = xyxy.T
+    area = np.maximum(right - left, 0) * np.maximum(bottom - top, 0)
     kept: list[int] = []
     alive = np.ones(len(score), bool)
     for index in range(len(score)):
@@ -46,8 +37,10 @@ def suppress(boxes: Boxes, threshold: float, limit: int) -> Boxes:
         kept.append(index)
         if len(kept) == limit:
             break
-        rest = np.flatnonzero(alive & (kind == kind[index]))
-        rest = rest[rest > index]
-        if rest.size:
-            alive[rest[overlap(xyxy[index : index + 1], xyxy[rest])[0] > threshold]] = False
+        rest = slice(index + 1, None)
+        width = np.minimum(right[index], right[rest]) - np.maximum(left[index], left[rest])
+        height = np.minimum(bottom[index], bottom[rest]) - np.maximum(top[index], top[rest])
+        common = np.maximum(width, 0) * np.maximum(height, 0)
+        much = common > threshold * (area[index] + area[rest] - common)
+        alive[rest] &= ~(much & (kind[rest] == kind[index]))
     return Boxes(xyxy[kept], score[kept], kind[kept])
