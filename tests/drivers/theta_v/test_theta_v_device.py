@@ -27,7 +27,7 @@ from drivers.theta_v.simulator.usbip_server import UsbIpServer
 from drivers.theta_v.transport.base import GoneSink
 from drivers.theta_v.transport.libusb import LibUsbTransport
 from drivers.theta_v.transport.usbip import UsbIpTransport
-from tests.drivers.theta_v.fake_usb1 import Machine
+from tests.drivers.theta_v.fake_usb1 import FakeContext, Machine
 from tests.drivers.theta_v.pictures import KEY_INTERVAL, Feeder, stream, until
 
 PICTURES = stream(30, 192, 96)
@@ -295,17 +295,17 @@ async def test_a_camera_that_belongs_to_root_until_udev_has_seen_its_new_face_is
     machine = Machine(simulated)
     refused: list[str] = []
 
-    def factory() -> LibUsbTransport:
-        new_face = simulated.composition is Composition.LIVE
-        if new_face and len(refused) < 2:
+    def context() -> FakeContext:
+        """Asked for when the camera is opened: the transport may have been made before the camera left."""
+        if simulated.composition is Composition.LIVE and len(refused) < 2:
             refused.append("open")
             machine.refusals["open"] = usb1.USBErrorAccess
         else:
             machine.refusals.pop("open", None)
-        return LibUsbTransport(open_context=machine.context)
+        return machine.context()
 
     with Feeder(simulated, PICTURES):
-        async with ThetaV(factory, QUICK, once=True) as camera:
+        async with ThetaV(lambda: LibUsbTransport(open_context=context), QUICK, once=True) as camera:
             assert (await take(camera, 3))[0].keyframe
     assert len(refused) == 2
 
