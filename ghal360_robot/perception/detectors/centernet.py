@@ -72,12 +72,12 @@ def decode(logits: Floats, reaches: Floats, min_score: float) -> Boxes:
     flat = np.flatnonzero(logits.reshape(-1) > np.log(score / (1 - score)))
     y, x, kind = (flat // n_classes) // width, (flat // n_classes) % width, flat % n_classes
     value = logits[y, x, kind]
-    peak = np.ones(len(flat), bool)
     for dy, dx in ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1)):
-        near = logits[np.clip(y + dy, 0, height - 1), np.clip(x + dx, 0, width - 1), kind]
-        peak &= value >= near
-    best = np.flatnonzero(peak)
-    best = best[np.argsort(-value[best], kind="stable")[:LIMIT]]
+        beside_y = np.minimum(np.maximum(y + dy, 0), height - 1)
+        beside_x = np.minimum(np.maximum(x + dx, 0), width - 1)
+        peak = value >= logits[beside_y, beside_x, kind]
+        x, y, kind, value = x[peak], y[peak], kind[peak], value[peak]
+    best = np.argsort(-value, kind="stable")[:LIMIT]
     x, y, kind, value = x[best], y[best], kind[best], value[best]
     corner = np.stack((x, y, x, y), 1).astype(np.float32) * CELL_PX
     box = corner + reaches[y, x] * np.array((-1, -1, 1, 1), np.float32)
