@@ -1,8 +1,8 @@
 """How often the robot asks about something that is not what it searches for, on drives through furnished worlds.
 
     python benchmarks/patrol.py --seconds 3600
-    python benchmarks/patrol.py --seconds 900 --tape /tmp/patrol.tape
-    python benchmarks/patrol.py --judge /tmp/patrol.tape
+    python benchmarks/patrol.py --seconds 900 --tape patrol.tape
+    python benchmarks/patrol.py --judge patrol.tape
 
 A robot wanders from room to room, two pictures a second through the camera's encoder and the detector, a lidar with
 20 mm of noise. Every drive is judged once for each of the four things that stand in every world. The operator is the

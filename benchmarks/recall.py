@@ -1,4 +1,4 @@
-"""How often detectors find what is searched for in rendered pictures, by distance, and what they take for it.
+"""How often detectors find what is searched for in rendered pictures, by distance.
 
     python benchmarks/recall.py --detectors centernet deimv2-femto yolox-nano
 
