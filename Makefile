@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 
 PAGE := ghal360_robot/telepresence/page
 
-.PHONY: run test detectors test-logbook lint page test-page test-usb test-usb-short campaign drives fuzz soak soak-lidar mutate pictures clean
+.PHONY: run test detectors test-logbook lint page test-page test-usb test-usb-short campaign explore drives fuzz soak soak-lidar mutate pictures clean
 
 run: $(VENV)/.installed page $(VENV)/.detectors
 	$(BIN)/ghal360 demo
@@ -48,6 +48,10 @@ test-usb-short: $(VENV)/.installed
 # Ten searches through all wires in real time, many more in simulated time: about twenty minutes.
 campaign: $(VENV)/.installed
 	$(BIN)/pytest -m campaign --timeout=3600
+
+# The properties again, each with two thousand examples that nobody has seen: about ten minutes.
+explore: $(VENV)/.installed
+	$(BIN)/pytest -n 2 --hypothesis-profile explore --timeout=3600 -m "hypothesis and $(SHORT)"
 
 # 2,000 random drives among walking people, half a minute each, in simulated time: about half an hour on two cores.
 drives: $(VENV)/.installed

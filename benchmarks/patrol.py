@@ -67,6 +67,7 @@ TICKS = 5
 """Of the brain between two pictures: ten a second."""
 SCAN_NOISE_M, NEAREST_M, FARTHEST_M = 0.02, 0.05, 25.0
 """Of the lidar."""
+TAPE_DAMAGED = (EOFError, pickle.UnpicklingError, ImportError, ValueError, LookupError, TypeError, AttributeError)
 FRESH = Freshness(alive=True, rate_ok=True, valid=True, age_s=0.1)
 
 
@@ -151,13 +152,22 @@ def toured(config: RobotConfig, detector_name: str, seconds: float, tour_s: floa
 
 
 def taped(path: Path) -> Iterator[Tour]:
-    """The drives of a tape."""
-    with path.open("rb") as tape:
-        while True:
+    """The drives of a tape. Raises SystemExit for one that is not there, is cut off, or is of another version."""
+    try:
+        tape = path.open("rb")
+    except OSError as error:
+        raise SystemExit(f"{path} cannot be read ({error.strerror}); --tape writes one.") from error
+    with tape:
+        while tape.peek(1):
+            began = tape.tell()
             try:
-                yield Tour(*pickle.load(tape))  # noqa: S301 - written by this program
-            except EOFError:
-                return
+                tour = Tour(*pickle.load(tape))  # noqa: S301 - written by this program
+            except TAPE_DAMAGED as error:
+                raise SystemExit(
+                    f"{path}: the drive that begins at byte {began} is damaged, cut off or of another version"
+                    f" ({error}); nothing of it and after it was judged. Cut the file there, or drive again."
+                ) from error
+            yield tour
 
 
 def judged(config: RobotConfig, tour: Tour, target: str) -> Iterator[dict[str, Any]]:

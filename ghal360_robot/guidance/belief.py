@@ -71,8 +71,10 @@ class DetectorModel:
     @property
     def same_view(self) -> float:
         """Log-odds that all looks from one place together are worth: from nothing known to sure, and a little more."""
-        nothing = (1 - self.prior_in_view) * N_WEDGES / self.prior_in_view
-        return max(math.log(self.sure / (1 - self.sure) * nothing), 0.0) + BEYOND_SURE
+        each, nowhere, odds = self.prior_in_view / N_WEDGES, 1 - self.prior_in_view, self.sure / (1 - self.sure)
+        # each x = odds (nowhere + others each / x): what speaks for one wedge speaks as much against all the others.
+        half, others = odds * nowhere / each / 2, odds * (N_WEDGES - 1)
+        return max(math.log(half + math.sqrt(half * half + others)), 0.0) + BEYOND_SURE
 
 
 def predict(

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -227,6 +227,7 @@ def test_a_no_takes_back_all_that_spoke_for_what_was_asked_about() -> None:
 
 
 @given(st.floats(1e-9, 0.999), st.floats(0.01, 0.99))
+@example(0.9375, 0.98828125)  # nearly surely in view: the other wedges together weigh more than "not in view"
 def test_one_place_can_make_sure_whatever_that_means(sure: float, prior: float) -> None:
     model = DetectorModel(sure=sure, prior_in_view=prior)
     assert model.same_view > 0

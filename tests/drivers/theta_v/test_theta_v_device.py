@@ -27,7 +27,7 @@ from drivers.theta_v.simulator.usbip_server import UsbIpServer
 from drivers.theta_v.transport.base import GoneSink
 from drivers.theta_v.transport.libusb import LibUsbTransport
 from drivers.theta_v.transport.usbip import UsbIpTransport
-from tests.drivers.theta_v.fake_usb1 import FakeContext, Machine
+from tests.drivers.theta_v.fake_usb1 import FakeDevice, FakeHandle, Machine
 from tests.drivers.theta_v.pictures import KEY_INTERVAL, Feeder, stream, until
 
 PICTURES = stream(30, 192, 96)
@@ -290,22 +290,23 @@ async def test_a_camera_that_leaves_for_live_mode_before_it_answers_is_waited_fo
             assert (await take(camera, 3))[0].keyframe
 
 
-async def test_a_camera_that_belongs_to_root_until_udev_has_seen_its_new_face_is_waited_for() -> None:
+async def test_a_camera_that_belongs_to_root_until_udev_has_seen_its_new_face_is_waited_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     simulated = SimulatedThetaV(composition=Composition.MTP, reenumeration_s=0.05)
     machine = Machine(simulated)
     refused: list[str] = []
+    opened = FakeDevice.open
 
-    def context() -> FakeContext:
-        """Asked for when the camera is opened: the transport may have been made before the camera left."""
-        if simulated.composition is Composition.LIVE and len(refused) < 2:
+    def as_udev_lets(device: FakeDevice) -> FakeHandle:
+        if device.port.connected and simulated.composition is Composition.LIVE and len(refused) < 2:
             refused.append("open")
-            machine.refusals["open"] = usb1.USBErrorAccess
-        else:
-            machine.refusals.pop("open", None)
-        return machine.context()
+            raise usb1.USBErrorAccess
+        return opened(device)
 
+    monkeypatch.setattr(FakeDevice, "open", as_udev_lets)
     with Feeder(simulated, PICTURES):
-        async with ThetaV(lambda: LibUsbTransport(open_context=context), QUICK, once=True) as camera:
+        async with ThetaV(lambda: LibUsbTransport(open_context=machine.context), QUICK, once=True) as camera:
             assert (await take(camera, 3))[0].keyframe
     assert len(refused) == 2
 
