@@ -12,7 +12,7 @@ Every function takes scalars or arrays of any shape that broadcast.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import cos, pi, sin, tau
+from math import asin, cos, pi, sin, tau
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -154,10 +154,11 @@ def camera_rotation(yaw: float, pitch: float = 0.0, roll: float = 0.0) -> Floats
 def turned_box(box: SphereBox, rotation: Floats) -> SphereBox:
     """The smallest box of the turned frame around everything in a box; the whole circle where it holds a pole."""
     border = _border(box) @ rotation.T
-    yaw, pitch = direction_of_vector(border)
+    yaw, _ = direction_of_vector(border)
+    height = border[..., 2]  # of which the pitch is the arcsine; smooth near the poles, too
     middle_yaw, _ = direction_of_vector(rotation @ unit_vector(box.yaw, box.pitch))
     aside = wrap_angle(yaw - middle_yaw)
-    low, high = _least(pitch), -_least(-pitch)
+    low, high = (asin(min(max(z, -1.0), 1.0)) for z in (_least(height), -_least(-height)))
     pole = _pole_inside(box, rotation)
     if pole:
         bottom, top = (low, pi / 2) if pole > 0 else (-pi / 2, high)
@@ -186,13 +187,14 @@ def _border(box: SphereBox) -> Floats:
 
 def _least(values: Floats) -> float:
     """The least of smooth values (sides, points), looked for between the points as well."""
-    side, at = np.unravel_index(int(values.argmin()), values.shape)
-    least = float(values[side, at])
-    if 0 < at < values.shape[1] - 1:
-        before, after = float(values[side, at - 1]), float(values[side, at + 1])
-        bend = before - 2 * least + after
-        if bend > 0:
-            least -= (before - after) ** 2 / (8 * bend)
+    least = float(values.min())
+    # Of each side by itself: two share a corner, and only one of them need go on below it.
+    middles = np.clip(values.argmin(axis=1), 1, values.shape[1] - 2)
+    for side, at in zip(values, middles.tolist(), strict=True):
+        before, here, after = side[at - 1 : at + 2].tolist()
+        bend = before - 2 * here + after
+        if bend > 0 and abs(before - after) <= 2 * bend:  # the parabola's bottom is between these points
+            least = min(least, here - (before - after) ** 2 / (8 * bend))
     return least
 
 

@@ -6,7 +6,7 @@ from math import pi, radians, tau
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from ghal360_robot.assembly import camera_view
@@ -54,6 +54,8 @@ def test_positive_pitch_leans_the_zenith_forward_and_positive_roll_to_the_right(
     angles,
     angles,
 )
+@example(SphereBox(-0.9765625, 0.0, 0.625, 0.5), 0.0, 0.1875, 0.7)  # lowest just beside a corner
+@example(SphereBox(2.0, 0.75, 1.0, 0.25), 0.0, 0.0, 0.625)  # close to a pole
 def test_a_turned_box_is_the_smallest_around_its_turned_border(
     box: SphereBox, yaw: float, pitch: float, roll: float
 ) -> None:
