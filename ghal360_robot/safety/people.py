@@ -114,7 +114,7 @@ def moving(looks: Sequence[Look], points: Floats, beam: NDArray[np.intp], turnin
     suspects = np.flatnonzero(came)
     if len(suspects) < LEAST_POINTS or (len(suspects) > ADRIFT * len(points) and len(points) > FEW):
         return np.zeros(len(points), bool)
-    _, count = things(points[suspects], beam[suspects])
+    _, count = things(points.take(suspects, axis=0), beam[suspects])
     came[suspects[np.repeat(count < LEAST_POINTS, count)]] = False
     return came
 

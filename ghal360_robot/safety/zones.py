@@ -95,7 +95,7 @@ class Around:
             nearest = squared.argsort()
             squared = squared[nearest]
             deep = int(squared.searchsorted(max(disc.radius - DEEP_M, 0.0) ** 2))
-            self._ranked[key] = Ranked(np.asfortranarray(points[nearest]), squared, deep)
+            self._ranked[key] = Ranked(np.asfortranarray(points.take(nearest, axis=0)), squared, deep)
         return self._ranked[key]
 
     def walkers(self, disc: Disc) -> tuple[Floats, Floats]:

@@ -218,7 +218,7 @@ class SlipWatch:
     @property
     def slipping(self) -> tuple[str, ...]:
         """What the wheels do now that they were not told to, in words, worst first; empty while they obey."""
-        if self.right is None or self.left is None:
+        if self.right is None or self.left is None or self.right.alarms == self.left.alarms == _ALL_QUIET:
             return ()
         return tuple(
             trouble.sentence(right.on, left.on)
