@@ -212,7 +212,7 @@ class _Planned:
 
 
 class NextView:
-    """The same planner for one search whose robot moves by itself: where it is and what it saw go in, an arrow out."""
+    """The same planner for one search whose robot moves by itself: where it is and what it saw go in, a way out."""
 
     def __init__(self, ground: Ground, detector: DetectorModel) -> None:
         self._ground, self._detector = ground, detector
@@ -224,18 +224,16 @@ class NextView:
         self._barred = np.zeros(len(self._views), bool)
         self._waited = (-1, 0)
         """The place of the last looks, and how many there were from it."""
+        self._counted = np.ones(N_WEDGES + 1)
+        """By how much they spoke for each wedge."""
 
-    def look(self, place: int, bearings: list[float]) -> float | None:
+    def look(self, place: int, bearings: list[float]) -> int | None:
         """One look from `place` that showed the target at these clockwise bearings (mostly none).
 
-        The bearing of the way to the next best view, or None where there is nothing left to see.
+        The next place on the way to the next best view, or None where no way leads on.
         """
-        detector, ground = self._detector, self._ground
-        odds = np.full(N_WEDGES + 1, (1 - detector.hit_rate) / (1 - detector.false_rate))
-        odds[[wedge_of(bearing) for bearing in bearings]] = detector.hit_rate / detector.false_rate
-        odds[UNSEEN] = 1.0
-        self._chance *= odds[self._spots[place]]
-        self._chance /= self._chance.sum()
+        ground = self._ground
+        self._weigh(place, bearings)
         way = ground.path_m[place, self._views]
         self._wait(place)
         score = np.where(self._barred, 0.0, self._seen_from @ self._chance / (way + NEAR_M))
@@ -250,10 +248,18 @@ class NextView:
         steps = ground.moves[place]
         rest = np.where(steps == place, np.inf, ground.path_m[steps, self._views[self._aim]])
         step = int(steps[rest.argmin()])
-        if not np.isfinite(rest.min()):
-            return None
-        east, north = ground.xy[step] - ground.xy[place]
-        return math.atan2(east, north)
+        return step if np.isfinite(rest.min()) else None
+
+    def _weigh(self, place: int, bearings: list[float]) -> None:
+        """All looks from one place count as one: a detector that takes a thing for the target does so in each."""
+        detector, hit = self._detector, self._detector.hit_rate / self._detector.false_rate
+        before = self._counted if place == self._waited[0] else np.ones(N_WEDGES + 1)
+        odds = np.where(before > 1.0, hit, (1 - detector.hit_rate) / (1 - detector.false_rate))
+        odds[[wedge_of(bearing) for bearing in bearings]] = hit
+        odds[UNSEEN] = 1.0
+        self._chance *= (odds / before)[self._spots[place]]
+        self._chance /= self._chance.sum()
+        self._counted = odds
 
     def _wait(self, place: int) -> None:
         """A robot that does not get on cannot get there: another view is aimed at."""

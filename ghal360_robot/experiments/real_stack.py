@@ -26,7 +26,7 @@ from ghal360_robot.experiments.planner import BEYOND, PERFECT, NextView, plan_se
 from ghal360_robot.experiments.search import F1, GHAL360, NOT_FOUND, RLGS, Options, Trials, most_ticks, search
 from ghal360_robot.experiments.stack_human import Shown, StackHuman
 from ghal360_robot.experiments.tally import Sums
-from ghal360_robot.guidance.belief import DetectorModel
+from ghal360_robot.guidance.belief import DetectorModel, likely_wedge
 from ghal360_robot.guidance.egocentric import WEDGE_WIDTH
 from ghal360_robot.messages import Cue, Pose2
 from ghal360_robot.simulation.lockstep import DETECTED_M, TICK_S, Camera, Lockstep
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from ghal360_robot.simulation.world import World
 
 PLANNER = "GHAL360+"
-STACK_VERSION = 4
+STACK_VERSION = 5
 """Raised when the same trial would go otherwise: kept ones of older versions are driven again."""
 COMPARED = 12
 """Trials that RLGS and GHAL360 drive as well: they mostly search until the limit, which costs minutes."""
@@ -245,7 +245,7 @@ class _Run:
             self.questions += 1
             self.wrong_questions += not self._target_ahead(inputs)
         self._cue = decision.cue
-        if decision.target_yaw is not None:
+        if decision.target_yaw is not None and believed(decision):
             self.seen.append(self.lockstep.body.pose.yaw + decision.target_yaw)
 
     def _target_ahead(self, inputs: Inputs) -> bool:
@@ -263,8 +263,21 @@ class _Run:
         place = int(np.where(reachable, far(self.ground.xy - (pose.x, pose.y)), np.inf).argmin())
         bearings = [math.pi / 2 - yaw for yaw in self.seen]
         self.seen.clear()
-        bearing = self.planner.look(place, bearings)
-        return Shown(None if bearing is None else math.remainder(math.pi / 2 - bearing, math.tau))
+        step = self.planner.look(place, bearings)
+        if step is None:
+            return Shown()
+        # From where the robot is, not from the middle of its cell: a way that is out by as little misses a door.
+        x, y = self.ground.xy[step].tolist()
+        return Shown(math.atan2(y - pose.y, x - pose.x))
+
+
+def believed(decision: Decision) -> bool:
+    """Whether the brain takes the target to be in view.
+
+    It also remembers what it saw only weakly, and would not point at: a planner that did would never leave it.
+    """
+    chances = np.array(decision.target_chances)
+    return len(chances) > 0 and likely_wedge(chances) is not None
 
 
 def _on_tables(ground: Ground, trial: StackTrial, start: int, head: int) -> np.ndarray:

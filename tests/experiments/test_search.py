@@ -13,6 +13,7 @@ from ghal360_robot.experiments.floors import open_floor, room_floor
 from ghal360_robot.experiments.grid import GridMap, Thing, ground_of
 from ghal360_robot.experiments.ground import DISTANCES_M, Goal, Ground
 from ghal360_robot.experiments.planner import BEYOND, PERFECT, WRONG, NextView, PlannerOptions, plan_searches
+from ghal360_robot.experiments.real_stack import believed
 from ghal360_robot.experiments.search import (
     ADV,
     F1,
@@ -29,6 +30,7 @@ from ghal360_robot.experiments.search import (
     search,
 )
 from ghal360_robot.guidance.belief import DetectorModel
+from ghal360_robot.messages import STILL, Cue, Decision
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -244,7 +246,30 @@ def test_the_next_view_is_around_the_corner_until_it_has_been_seen() -> None:
     planner = NextView(ground, DetectorModel())
     place = at(ground, 2.25, 1.25)
     for _ in range(12):
-        bearing = planner.look(place, [])
-        assert bearing is not None
-        place = int(ground.moves[place, round(np.degrees(bearing) / 45) % 8])
+        step = planner.look(place, [])
+        assert step is not None
+        assert step in ground.moves[place]
+        place = step
     assert ground.xy[place, 1] > 4.0
+
+
+@pytest.mark.parametrize("bearings", [[], [0.8]])
+def test_looks_from_one_place_count_once_however_many_they_are(bearings: list[float]) -> None:
+    ground = ground_of(open_floor(0), step_m=1.5, range_m=6.0)
+    begin = at(ground, 4.25, 4.25)
+
+    def way(looks: int) -> list[int | None]:
+        planner = NextView(ground, DetectorModel(hit_rate=0.6, false_rate=0.02))
+        steps = [planner.look(begin, bearings) for _ in range(looks)][-1:]
+        while len(steps) < 12 and steps[-1] is not None:
+            steps.append(planner.look(steps[-1], []))
+        return steps
+
+    assert way(6) == way(1)
+
+
+def test_only_what_the_brain_believes_to_be_in_view_leads_the_planner() -> None:
+    nothing = Decision(Cue.NONE, 0.3, (0,) * 8, None, (0.125,) * 8, None, STILL, ())
+    assert not believed(nothing)
+    assert not believed(replace(nothing, target_chances=(0.3,) + (0.02,) * 7 + (0.56,)))
+    assert believed(replace(nothing, target_chances=(0.5,) + (0.02,) * 7 + (0.36,)))

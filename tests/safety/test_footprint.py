@@ -70,6 +70,7 @@ def test_what_is_inside_already_is_met_at_once_unless_the_disc_moves_off_it() ->
     assert contact(-0.3, 0.1, Twist(0.5, 0.0)) == NEVER
     assert contact(0.3, 0.1, Twist(0.5, 0.4)).seconds == 0.0
     assert contact(-0.3, 0.1, Twist(0.5, 0.4)).seconds > 10.0  # once around
+    assert contact(0.0, 0.1, Twist(0.3, 0.5)).seconds == 0.0  # neither before the middle nor behind it
     assert contact(-0.3, 0.0, Twist(-0.1, 0.0)).seconds == 0.0
 
 

@@ -255,6 +255,13 @@ def test_who_rests_is_passed_at_a_crawl_with_the_room_of_a_body() -> None:
     assert limit(things((0.65, 0.3)), AHEAD, LIMITS, STILL)[0].v > LEAST
 
 
+def test_the_room_of_a_body_is_kept_from_who_rests_and_not_from_all_that_stands() -> None:
+    wall_m = (0.2, 0.5)
+    somebody_far = Around(np.array([wall_m, (2.5, 2.0)]), np.array([(2.5, 2.0)]), NONE)
+    assert limit(somebody_far, AHEAD, LIMITS, AHEAD) == limit(things(wall_m), AHEAD, LIMITS, AHEAD)
+    assert limit(somebody_far, AHEAD, LIMITS, AHEAD)[0].v > 3 * CRAWL
+
+
 def test_the_worst_of_all_is_named() -> None:
     both = Around(np.array([[1.6, 0.0], [0.6, 0.0]]), NONE, np.array([[1.6, 0.0]]))
     _, verdict = limit(both, AHEAD, LIMITS, STILL)
