@@ -121,9 +121,14 @@ class Link:
             self._hook(self.clock(), "tx", frame.can_id, frame.data)
 
     def answered(self) -> None:
-        """A packet arrived whole: the oldest request has its answer."""
+        """A packet arrived whole: the oldest request has its answer.
+
+        More answers than open requests: one that was counted as lost had only been held up.
+        """
         if self._awaited:
             self._awaited.popleft()
+        elif self.lost:
+            self.lost -= 1
         self.wake()
 
     def count_lost(self, now_ns: int) -> None:
