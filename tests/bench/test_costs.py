@@ -16,6 +16,7 @@ from ghal360_robot.config import RobotConfig
 from ghal360_robot.errors import GhalError
 
 
+@pytest.mark.alone
 def test_a_tick_keeps_its_budget_and_leaves_the_interpreter_as_it_was() -> None:
     before = sys.getswitchinterval(), gc.get_freeze_count()
     cost = tick.measure(2000)
