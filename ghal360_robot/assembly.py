@@ -44,6 +44,10 @@ COMFORT_M = 0.12
 TIGHT_M = 0.01
 """In a door, steering keeps this much more than the stop zone, or the two would argue there."""
 
+SQUEEZE_M = 0.02
+"""In a door so narrow that noise closes it every other scan, the safety chain lets the robot crawl on where that takes
+no clearance away; steering that gave up the way each time would stand in it for half a minute."""
+
 AT_ONCE = 1e-9
 """A belief in the target that every sighting exceeds."""
 
@@ -216,7 +220,7 @@ def make_brain(config: RobotConfig, known: SavedPolicy | None = None) -> Brain:
     learner = None if guidance.learn == "off" else OnlineLearner(Learning(guidance.learn))
     tight = safety.margin_m + TIGHT_M
     outline_m = max(math.hypot(x, y) + radius for x, y, radius in safety.footprint)
-    steering = SteeringSettings(radius_m=outline_m, margins_m=(max(COMFORT_M, tight), tight))
+    steering = SteeringSettings(radius_m=outline_m, margins_m=(max(COMFORT_M, tight), tight, min(SQUEEZE_M, tight)))
     return Brain(
         target=canonical(config.perception.target),
         policy=LearnedPolicy(known.q) if learned and known is not None else make_policy(guidance.policy),

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from ghal360_robot.simulation.world import World
 
 PLANNER = "GHAL360+"
-STACK_VERSION = 5
+STACK_VERSION = 6
 """Raised when the same trial would go otherwise: kept ones of older versions are driven again."""
 COMPARED = 12
 """Trials that RLGS and GHAL360 drive as well: they mostly search until the limit, which costs minutes."""
@@ -78,7 +78,7 @@ class Eyes:
 
 EYES = {
     # On a map of cells, lines of sight are not quite those in 3D.
-    IDEAL: Eyes(12, 8, DETECTED_M, DetectorModel(hit_rate=0.9, false_rate=0.02)),
+    IDEAL: Eyes(12, 8, DETECTED_M, DetectorModel(hit_rate=0.98, false_rate=0.02)),
     "painted": Eyes(12, 8, 6.0, DetectorModel(hit_rate=0.9, false_rate=0.02)),
 }
 NETWORK_EYES = Eyes(

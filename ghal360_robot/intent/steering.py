@@ -23,7 +23,7 @@ class SteeringSettings:
     """The robot as a disc, and how far it may be led off the wanted heading."""
 
     radius_m: float = 0.40
-    margins_m: tuple[float, ...] = (0.12, 0.05)
+    margins_m: tuple[float, ...] = (0.12, 0.05, 0.02)
     """Distances to keep, the comfortable one first; the next counts only where nothing else is free."""
     look_ahead_m: tuple[float, ...] = (1.2, 0.8, 0.5, 0.3)
     """Free distance asked of a heading, longest first; a way into a door is free for short stretches only."""
