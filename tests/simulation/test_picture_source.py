@@ -143,7 +143,7 @@ def test_closing_is_bounded_even_if_the_process_hangs(folder: Path) -> None:
         for _ in range(5000):
             source.set_pose(Pose2())
         began = time.monotonic()
-    assert time.monotonic() - began < 5.0
+    assert time.monotonic() - began < 20.0  # one second each for a farewell and for the threads, on a busy machine
     assert process.returncode == -signal.SIGKILL
     assert not received.errors
     source.close()
