@@ -1,5 +1,4 @@
-"""Which sightings bear out a question to the operator: strong ones, of things that measure what they should, and that
-the detector does not rather take for something else. Pure.
+"""Which sightings bear out a question to the operator: strong ones, of things that measure what they should. Pure.
 
 A weak sighting is enough to remember a thing, as from nearer it will be known better; pointed at and asked about
 is only what was seen well. How large a thing is follows from the angle it covers and the lidar's range below it.
@@ -7,13 +6,10 @@ is only what was seen well. How large a thing is follows from the angle it cover
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import pi, tan
 from typing import TYPE_CHECKING
-
-from ghal360_robot.angles import wrap
-from ghal360_robot.perception.names import canonical
 
 if TYPE_CHECKING:
     from ghal360_robot.messages import Detection
@@ -25,8 +21,6 @@ FOOT_M = (-0.25, 0.35)
 at 0.25 m); higher up, or below the floor, the range is of something beneath or beyond, and no thing is too large."""
 WIDEST = 0.8 * pi
 """rad. A box around half of the robot has no size."""
-SAME_BOX = 0.5
-"""Boxes that share so much of what both cover are around one thing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,17 +54,3 @@ class AskSettings:
         foot = self.camera_height + range_m * tan(max(found.pitch - found.height / 2, -WIDEST / 2))
         met = FOOT_M[0] <= foot <= FOOT_M[1]
         return size >= bounds[0] and (not met or size <= bounds[1])
-
-
-def rather_another(found: Detection, better: Sequence[Detection]) -> bool:
-    """Whether one of `better`, whose scores are no lower, names something else in the same box: books, say."""
-    name = canonical(found.name)
-    return any(canonical(other.name) != name and _shared(found, other) >= SAME_BOX for other in better)
-
-
-def _shared(a: Detection, b: Detection) -> float:
-    """Intersection over union of two boxes."""
-    across = min(a.width, b.width, max(0.0, (a.width + b.width) / 2 - abs(wrap(a.yaw - b.yaw))))
-    along = min(a.height, b.height, max(0.0, (a.height + b.height) / 2 - abs(a.pitch - b.pitch)))
-    both = across * along
-    return both / max(a.width * a.height + b.width * b.height - both, 1e-12)

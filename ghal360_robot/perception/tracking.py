@@ -16,7 +16,7 @@ import numpy as np
 
 from ghal360_robot.angles import wrap
 from ghal360_robot.frames import place_of
-from ghal360_robot.perception.bearing_out import AskSettings, rather_another
+from ghal360_robot.perception.bearing_out import AskSettings
 from ghal360_robot.perception.names import canonical
 from ghal360_robot.perception.place import Place
 
@@ -139,7 +139,7 @@ def step_objects(
     best_first = sorted(detections.objects, key=lambda found: -found.score)[:MAX_REMEMBERED]
     left = list(objects)
     seen: list[Remembered] = []
-    for index, found in enumerate(best_first):
+    for found in best_first:
         name, yaw = canonical(found.name), wrap(standpoint.pose.yaw + found.yaw)
         if any(item.name == name and _near(settings, item, yaw, found.pitch, camera) for item in seen):
             continue  # two boxes on one object: the better one counts
@@ -147,7 +147,6 @@ def step_objects(
         old = min(close, key=lambda item: abs(wrap(item.yaw_from(camera) - yaw)), default=None)
         range_m = returns.along(yaw)
         well = settings.asking.bears_out(name, found, range_m, measurable=standpoint.surroundings is not None)
-        well = well and not rather_another(found, best_first[:index])
         item = _sighted(settings, old, found, name, yaw, camera, range_m, detections.stamp_ns)
         before_ns = None if old is None else old.well_seen_ns
         seen.append(replace(item, well_seen_ns=detections.stamp_ns if well else before_ns))

@@ -7,7 +7,7 @@ from math import atan, pi
 import pytest
 
 from ghal360_robot.messages import Detection
-from ghal360_robot.perception.bearing_out import AskSettings, rather_another
+from ghal360_robot.perception.bearing_out import AskSettings
 
 SETTINGS = AskSettings(score=0.45, score_class={"backpack": 0.23}, sizes={"backpack": (0.25, 0.8)})
 
@@ -62,23 +62,3 @@ def test_what_a_lidar_could_measure_and_did_not_has_to_wait() -> None:
 def test_a_box_around_half_of_the_robot_has_no_size_and_bears_nothing_out() -> None:
     for angle in (0.9 * pi, 2 * pi):
         assert not SETTINGS.bears_out("backpack", Detection("backpack", 0.9, 0.0, -1.5, angle, 3.0), 0.5)
-
-
-def test_what_the_detector_rather_takes_for_something_else_is_known_by_its_box() -> None:
-    backpack = Detection("backpack", 0.3, pi - 0.05, -0.2, 0.2, 0.1)
-
-    def over(yaw: float, width: float, height: float, name: str = "book") -> bool:
-        return rather_another(backpack, [Detection(name, 0.36, yaw, -0.2, width, height)])
-
-    assert over(pi - 0.05, 0.2, 0.1)
-    assert over(-pi + 0.01, 0.2, 0.1)  # seven tenths of either, beyond the seam
-    assert not over(-pi + 0.03, 0.2, 0.1)
-    assert over(pi - 0.05, 0.2, 0.051)
-    assert not over(pi - 0.05, 0.2, 0.049)  # a book that lies on it
-    assert not over(pi - 0.05, 0.6, 0.4)  # a sofa that it lies on
-    assert not over(0.0, 0.2, 0.1)
-    assert not over(pi - 0.05, 0.2, 0.1, "backpack")
-    assert not over(pi - 0.05, 0.2, 0.1, "rucksack")
-    assert not rather_another(backpack, [])
-    nothing = Detection("book", 0.4, 0.0, 0.0, 0.0, 0.0)
-    assert not rather_another(nothing, [nothing])

@@ -74,15 +74,6 @@ def test_a_class_often_seen_where_there_is_none_can_be_asked_for_more() -> None:
     assert believed == [False, False, True]
 
 
-def test_what_is_rather_something_else_is_remembered_and_not_seen_well() -> None:
-    books = watch(picture(0, ("backpack", 0.0, 0.5), ("book", 0.0, 0.6)))
-    assert {item.name: item.well_seen_ns for item in books} == {"book": 0, "backpack": None}
-    backpack = watch(picture(0, ("backpack", 0.0, 0.6), ("book", 0.0, 0.5)))
-    assert {item.name: item.well_seen_ns for item in backpack} == {"book": None, "backpack": 0}
-    beside = watch(picture(0, ("backpack", 0.0, 0.5), ("book", 0.2, 0.6)))
-    assert [item.well_seen_ns for item in beside] == [0, 0]
-
-
 def test_what_is_believed_stays_so_below_the_evidence_that_began_it() -> None:
     settings = TrackSettings(memory_s=60.0)
     objects = step_objects(settings, (), picture(0, ("tv", 0, 0.6)), Standpoint(Pose2()))
