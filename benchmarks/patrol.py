@@ -37,6 +37,7 @@ from ghal360_robot.angles import wrap
 from ghal360_robot.assembly import camera_view, lidar_mount, make_brain
 from ghal360_robot.brain import BrainState
 from ghal360_robot.config import RobotConfig, with_overrides
+from ghal360_robot.logbook.errors import MADE_OF_FLIPPED_BITS
 from ghal360_robot.messages import (
     STILL,
     BaseMode,
@@ -67,7 +68,7 @@ TICKS = 5
 """Of the brain between two pictures: ten a second."""
 SCAN_NOISE_M, NEAREST_M, FARTHEST_M = 0.02, 0.05, 25.0
 """Of the lidar."""
-TAPE_DAMAGED = (EOFError, pickle.UnpicklingError, ImportError, ValueError, LookupError, TypeError, AttributeError)
+TAPE_DAMAGED = (EOFError, pickle.UnpicklingError, ImportError, *MADE_OF_FLIPPED_BITS)
 FRESH = Freshness(alive=True, rate_ok=True, valid=True, age_s=0.1)
 
 

@@ -132,6 +132,7 @@ def test_a_callback_that_fails_is_reported_and_does_not_hang_anything(folder: Pa
     assert isinstance(received.errors[0], KeyError)
 
 
+@pytest.mark.alone
 def test_closing_is_bounded_even_if_the_process_hangs(folder: Path) -> None:
     source = FolderPictureSource(folder)
     received = Received(source)
@@ -143,7 +144,7 @@ def test_closing_is_bounded_even_if_the_process_hangs(folder: Path) -> None:
         for _ in range(5000):
             source.set_pose(Pose2())
         began = time.monotonic()
-    assert time.monotonic() - began < 20.0  # one second each for a farewell and for the threads, on a busy machine
+    assert time.monotonic() - began < 5.0
     assert process.returncode == -signal.SIGKILL
     assert not received.errors
     source.close()
